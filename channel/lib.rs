@@ -1,0 +1,32 @@
+//! The channel worker ("board"): geometry → raster → translucency → resolve, tile by tile, on the CPU.
+//!
+//! The picture it makes is the one that the design book's page *The right picture* defines, to the byte, whatever the
+//! number of threads, the share of tiles or the order of the list. The way of one frame, in the order pixels are made:
+//!
+//! 1. [`pipeline::Renderer::draw`] takes a [`store::SceneStore`], the frame's state, a view, the list of subobjects and
+//!    the share of tiles.
+//! 2. [`geometry`] moves vertices to the eye in f64, clips, rounds them to 1/256 pixel and sets triangles up.
+//! 3. [`raster`] sorts them into tiles and decides, tile by tile, which face each sample sees: coverage in integers,
+//!    depth as one plane per face. No colour is computed yet.
+//! 4. [`translucency`] collects the translucent fragments that lie in front of that, all of them, and orders them.
+//! 5. [`resolve`] shades each face that a pixel sees once ([`shade`], [`texture`]), averages the samples ([`samples`])
+//!    and writes 8-bit sRGB or linear floats.
+//!
+//! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
+//! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
+#![forbid(unsafe_code)]
+
+pub mod geometry;
+pub mod pipeline;
+pub mod raster;
+pub mod resolve;
+pub mod samples;
+pub mod shade;
+pub mod store;
+pub mod texture;
+pub mod translucency;
+
+#[cfg(test)]
+mod oracle;
+#[cfg(test)]
+mod picture_tests;

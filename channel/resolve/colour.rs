@@ -1,0 +1,104 @@
+//! From linear light to the byte on the wire and back.
+//!
+//! The contract is: clamp to [0, 1], sRGB transfer function, 8 bits, rounded to nearest. Rather than evaluate a power per
+//! channel, the 255 linear values at which the rounded code goes up by one are computed once, in f64 with `libm`; a value's code is the
+//! number of thresholds that it reaches. A table over 4096 equal steps of the value gives the code at the step's start,
+//! and the thresholds inside the step (at most two, near black) do the rest. So the rounding is exact, and equal everywhere.
+
+use std::sync::LazyLock;
+
+/// Steps of the first guess; the exact thresholds correct it.
+const GUESS_STEPS: usize = 4096;
+
+struct Tables {
+    /// `thresholds[k]`: the smallest linear value with code k + 1; the last is out of reach and ends the search.
+    thresholds: [f64; 256],
+    /// The code at the lower end of each step; one more for the value 1.
+    guess: [u8; GUESS_STEPS + 1],
+    /// Linear value of each code.
+    decoded: [f32; 256],
+}
+
+static TABLES: LazyLock<Box<Tables>> = LazyLock::new(|| {
+    let mut tables = Box::new(Tables { thresholds: [f64::INFINITY; 256], guess: [0; GUESS_STEPS + 1], decoded: [0.0; 256] });
+    for code in 0..255u8 {
+        tables.thresholds[usize::from(code)] = linear_of((f64::from(code) + 0.5) / 255.0);
+    }
+    let mut code = 0;
+    for step in 0..=GUESS_STEPS {
+        while tables.thresholds[usize::from(code)] <= step as f64 / GUESS_STEPS as f64 {
+            code += 1;
+        }
+        tables.guess[step] = code;
+    }
+    for code in 0..=255u8 {
+        tables.decoded[usize::from(code)] = linear_of(f64::from(code) / 255.0) as f32;
+    }
+    tables
+});
+
+/// IEC 61966-2-1: the linear value of an encoded one, both in 0..=1.
+fn linear_of(encoded: f64) -> f64 {
+    if encoded <= 0.040_45 { encoded / 12.92 } else { libm::pow((encoded + 0.055) / 1.055, 2.4) }
+}
+
+/// The code of a linear value: clamped, encoded, rounded to nearest. NaN counts as 0.
+#[inline]
+pub fn encode_srgb(linear: f64) -> u8 {
+    let tables = &**TABLES;
+    if linear >= 1.0 {
+        return 255;
+    }
+    let positive = linear > 0.0;
+    if !positive {
+        return 0;
+    }
+    let mut code = tables.guess[(linear * GUESS_STEPS as f64) as usize];
+    while linear >= tables.thresholds[usize::from(code)] {
+        code += 1;
+    }
+    code
+}
+
+/// The linear value of a code.
+#[inline]
+pub fn decode_srgb(code: u8) -> f32 {
+    TABLES.decoded[usize::from(code)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The definition, evaluated directly.
+    fn encoded_directly(linear: f64) -> u8 {
+        let c = linear.clamp(0.0, 1.0);
+        let e = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::pow(c, 1.0 / 2.4) - 0.055 };
+        (e * 255.0).round() as u8
+    }
+
+    #[test]
+    fn every_code_survives_the_way_to_linear_and_back() {
+        for code in 0..=255 {
+            assert_eq!(encode_srgb(f64::from(decode_srgb(code))), code);
+        }
+    }
+
+    #[test]
+    fn rounding_is_to_the_nearest_code() {
+        for step in 0..=1_000_000 {
+            let linear = f64::from(step) / 1e6;
+            assert_eq!(encode_srgb(linear), encoded_directly(linear), "{linear}");
+        }
+    }
+
+    #[test]
+    fn what_is_outside_is_clamped_and_nan_is_black() {
+        assert_eq!(encode_srgb(-1.0), 0);
+        assert_eq!(encode_srgb(-0.0), 0);
+        assert_eq!(encode_srgb(f64::NAN), 0);
+        assert_eq!(encode_srgb(1.0), 255);
+        assert_eq!(encode_srgb(f64::INFINITY), 255);
+        assert_eq!(encode_srgb(f64::from_bits(1.0f64.to_bits() - 1)), 255);
+    }
+}

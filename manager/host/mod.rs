@@ -1,0 +1,3 @@
+//! The host's side: camera files and pose packets, each turned into the same poses.
+
+pub mod camera;

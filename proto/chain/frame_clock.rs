@@ -1,0 +1,268 @@
+//! The frame clock: open, ready, swap.
+//!
+//! In *real time* a frame opens at every tick of the (possibly halved) rate. It is swapped as soon as every view is
+//! complete; a frame that isn't when the next tick comes is swapped all the same, and its incomplete views repeat their
+//! last image as a whole. In *lock-step* there is no tick: a frame opens when the shell says that its pose is there, waits
+//! for every board, and the next opens only after the compositor has shown it; a frame whose boards changed is drawn again
+//! under the new wiring.
+
+use super::Wiring;
+use super::rate::{DIVIDER_MAX, RateControl};
+use crate::ids::{BoardId, BoardKey, Epoch, FrameNumber};
+use crate::message::Swap;
+use crate::share::shares;
+use crate::time::Time;
+use std::collections::{BTreeSet, VecDeque};
+use std::time::Duration;
+
+/// At the lowest rate a frame is waited for this long before its views repeat; without it boards that need longer than the
+/// longest period would never show anything.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// How frames follow one another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockMode {
+    /// At a rate.
+    RealTime {
+        /// Nominal time from frame to frame.
+        period: Duration,
+    },
+    /// One after the other.
+    LockStep,
+}
+
+/// What the clock wants done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ClockOutput {
+    /// All displays change.
+    Swap {
+        /// The message, less the preview wish.
+        swap: Swap,
+        /// When the frame was opened.
+        opened: Time,
+        /// Whether it was late: some view repeats.
+        late: bool,
+    },
+}
+
+/// What a frame waits for; for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Stuck {
+    /// For these boards.
+    Boards(Vec<BoardKey>),
+    /// For the compositor.
+    Compositor,
+}
+
+#[derive(Clone, Debug)]
+struct Open {
+    frame: FrameNumber,
+    wiring: Wiring,
+    waiting: BTreeSet<BoardKey>,
+    lost: BTreeSet<BoardKey>,
+    opened: Time,
+}
+
+/// See the module's head.
+#[derive(Clone, Debug)]
+pub struct FrameClock {
+    mode: ClockMode,
+    rate: RateControl,
+    next_frame: FrameNumber,
+    next_tick: Time,
+    open: Option<Open>,
+    /// Lock-step: the frame that the compositor is to show before the next opens.
+    presenting: Option<FrameNumber>,
+    views: u32,
+    outputs: VecDeque<ClockOutput>,
+}
+
+impl FrameClock {
+    /// A clock whose first tick is due at once. `first` is the first frame's number.
+    pub fn new(mode: ClockMode, first: FrameNumber, views: u32) -> Self {
+        let period = match mode {
+            ClockMode::RealTime { period } => period,
+            ClockMode::LockStep => Duration::from_millis(1),
+        };
+        Self {
+            mode,
+            rate: RateControl::new(period),
+            next_frame: first,
+            next_tick: Time(0),
+            open: None,
+            presenting: None,
+            views,
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// The number of the frame that would open next.
+    pub fn next_frame(&self) -> FrameNumber {
+        self.next_frame
+    }
+
+    /// The frame being drawn.
+    pub fn open_frame(&self) -> Option<FrameNumber> {
+        self.open.as_ref().map(|open| open.frame)
+    }
+
+    /// How many nominal periods a frame takes at present.
+    pub fn divider(&self) -> u32 {
+        self.rate.divider()
+    }
+
+    /// Whether a frame should open now. In lock-step only the shell knows whether a pose is there; it asks this as well.
+    pub fn wants_open(&self, now: Time) -> bool {
+        let free = self.open.is_none() && self.presenting.is_none();
+        match self.mode {
+            ClockMode::RealTime { .. } => free && now >= self.next_tick,
+            ClockMode::LockStep => free,
+        }
+    }
+
+    /// When to call [`Self::on_timeout`] or look at [`Self::wants_open`] again.
+    pub fn next_timeout(&self) -> Option<Time> {
+        match (self.mode, &self.open) {
+            (ClockMode::LockStep, _) => None,
+            (ClockMode::RealTime { .. }, None) => Some(self.next_tick),
+            (ClockMode::RealTime { .. }, Some(open)) => Some(self.deadline(open)),
+        }
+    }
+
+    fn deadline(&self, open: &Open) -> Time {
+        if self.rate.divider() >= DIVIDER_MAX { open.opened + PATIENCE } else { self.next_tick }
+    }
+
+    /// The shell opens the next frame under `wiring`; returns its number. In lock-step the same number opens again
+    /// after [`Self::on_rewired`].
+    ///
+    /// # Panics
+    /// If a frame is open already.
+    pub fn on_open(&mut self, now: Time, wiring: &Wiring) -> FrameNumber {
+        assert!(self.open.is_none(), "frame {} is still open", self.next_frame);
+        let frame = self.next_frame;
+        self.next_frame.0 += 1;
+        if let ClockMode::RealTime { .. } = self.mode {
+            // Ticks keep their grid; one that was slept through is skipped, not made up for.
+            let period = self.rate.period();
+            self.next_tick = self.next_tick + period;
+            if self.next_tick <= now {
+                self.next_tick = now + period;
+            }
+        }
+        let waiting = wiring.members.iter().copied().collect();
+        self.open = Some(Open { frame, wiring: wiring.clone(), waiting, lost: BTreeSet::new(), opened: now });
+        frame
+    }
+
+    /// A board has drawn its shares.
+    pub fn on_ready(&mut self, now: Time, key: BoardKey, frame: FrameNumber, epoch: Epoch) {
+        if let Some(open) = self.open.as_mut().filter(|o| o.frame == frame && o.wiring.epoch == epoch) {
+            open.waiting.remove(&key);
+            self.settle(now);
+        }
+    }
+
+    /// A board is gone. In real time the frame no longer waits for it; its views repeat.
+    pub fn on_lost(&mut self, now: Time, key: BoardKey) {
+        if let Some(open) = &mut self.open
+            && open.waiting.remove(&key)
+        {
+            open.lost.insert(key);
+            self.settle(now);
+        }
+    }
+
+    /// Lock-step: a new wiring has closed while a frame waits for a board that is gone. Returns whether that frame is to be opened
+    /// again.
+    pub fn on_rewired(&mut self) -> bool {
+        match (&self.open, self.mode) {
+            (Some(open), ClockMode::LockStep) if !open.lost.is_empty() => {
+                self.next_frame = open.frame;
+                self.open = None;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// The compositor has shown a frame, or there is none to wait for.
+    pub fn on_presented(&mut self, frame: FrameNumber) {
+        if self.presenting.is_some_and(|presenting| presenting <= frame) {
+            self.presenting = None;
+        }
+    }
+
+    /// The compositor is gone: nothing waits for it.
+    pub fn on_compositor_lost(&mut self) {
+        self.presenting = None;
+    }
+
+    /// Time has passed.
+    pub fn on_timeout(&mut self, now: Time) {
+        let due = match (&self.open, self.mode) {
+            (Some(open), ClockMode::RealTime { .. }) => now >= self.deadline(open),
+            _ => false,
+        };
+        if due {
+            self.rate.on_late();
+            self.swap();
+        }
+    }
+
+    /// What the clock waits for at present.
+    pub fn stuck(&self) -> Option<Stuck> {
+        match (&self.open, self.presenting) {
+            (Some(open), _) => Some(Stuck::Boards(open.waiting.iter().chain(&open.lost).copied().collect())),
+            (None, Some(_)) => Some(Stuck::Compositor),
+            (None, None) => None,
+        }
+    }
+
+    /// The next thing to do; `None`: wait.
+    pub fn poll_output(&mut self) -> Option<ClockOutput> {
+        self.outputs.pop_front()
+    }
+
+    fn settle(&mut self, now: Time) {
+        let Some(open) = &self.open else { return };
+        if !open.waiting.is_empty() {
+            return;
+        }
+        if open.lost.is_empty() {
+            self.rate.on_timely(now.since(open.opened));
+            self.swap();
+        } else if let ClockMode::RealTime { .. } = self.mode {
+            // Not the survivors' fault: no reason to halve the rate.
+            self.swap();
+        }
+    }
+
+    fn swap(&mut self) {
+        let Some(open) = self.open.take() else { return };
+        let mut complete = vec![true; self.views as usize];
+        for (i, key) in open.wiring.members.iter().enumerate() {
+            if open.waiting.contains(key) || open.lost.contains(key) {
+                for share in shares(BoardId(i as u32), &open.wiring.weights, self.views) {
+                    complete[share.view.0 as usize] = false;
+                }
+            }
+        }
+        let late = complete.iter().any(|c| !c);
+        let boards = open
+            .wiring
+            .members
+            .iter()
+            .copied()
+            .filter(|key| !open.waiting.contains(key) && !open.lost.contains(key))
+            .collect();
+        if self.mode == ClockMode::LockStep {
+            self.presenting = Some(open.frame);
+        }
+        self.outputs.push_back(ClockOutput::Swap {
+            swap: Swap { frame: open.frame, epoch: open.wiring.epoch, complete, boards, preview: false },
+            opened: open.opened,
+            late,
+        });
+    }
+}

@@ -1,0 +1,102 @@
+//! When boards can't follow, the frame rate halves for all views alike (chain.md, Shares); it returns when there is time again.
+//!
+//! Deliberately slow to trust: three late frames (each late one counts, each timely one takes one back) halve the rate
+//! at once, but only a run of timely frames that would also have met the doubled rate with a fifth to spare doubles it.
+
+use std::time::Duration;
+
+/// Late frames, less timely ones, that halve the rate.
+const LATE_LIMIT: u32 = 3;
+/// Timely frames in a row before the rate doubles: half a second at 60 Hz.
+const CALM_FRAMES: u32 = 30;
+/// The rate is never less than this part of the nominal one.
+pub(super) const DIVIDER_MAX: u32 = 32;
+
+/// See the module's head.
+#[derive(Clone, Debug)]
+pub struct RateControl {
+    period: Duration,
+    divider: u32,
+    late: u32,
+    calm: u32,
+}
+
+impl RateControl {
+    /// Nominal period of a frame.
+    pub fn new(period: Duration) -> Self {
+        Self { period, divider: 1, late: 0, calm: 0 }
+    }
+
+    /// The period in force.
+    pub fn period(&self) -> Duration {
+        self.period * self.divider
+    }
+
+    /// How many nominal periods a frame takes: a power of two.
+    pub fn divider(&self) -> u32 {
+        self.divider
+    }
+
+    /// A frame was complete after `took`.
+    pub fn on_timely(&mut self, took: Duration) {
+        self.late = self.late.saturating_sub(1);
+        if self.divider > 1 && took * 5 < self.period() * 2 {
+            self.calm += 1;
+            if self.calm >= CALM_FRAMES {
+                self.calm = 0;
+                self.divider /= 2;
+            }
+        } else {
+            self.calm = 0;
+        }
+    }
+
+    /// A frame was not complete when it was due.
+    pub fn on_late(&mut self) {
+        self.calm = 0;
+        self.late += 1;
+        if self.late >= LATE_LIMIT && self.divider < DIVIDER_MAX {
+            self.late = 0;
+            self.divider *= 2;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settle(cost: Duration) -> RateControl {
+        let mut rate = RateControl::new(Duration::from_millis(16));
+        for _ in 0..1000 {
+            if cost < rate.period() { rate.on_timely(cost) } else { rate.on_late() }
+        }
+        rate
+    }
+
+    #[test]
+    fn a_constant_load_settles_at_the_rate_it_can_keep() {
+        assert_eq!(settle(Duration::from_millis(10)).divider(), 1);
+        assert_eq!(settle(Duration::from_millis(20)).divider(), 2);
+        assert_eq!(settle(Duration::from_millis(100)).divider(), 8);
+    }
+
+    #[test]
+    fn the_rate_returns_when_the_load_goes() {
+        let mut rate = settle(Duration::from_millis(100));
+        for _ in 0..10 * CALM_FRAMES {
+            rate.on_timely(Duration::from_millis(5));
+        }
+        assert_eq!(rate.divider(), 1);
+    }
+
+    #[test]
+    fn one_late_frame_changes_nothing() {
+        let mut rate = RateControl::new(Duration::from_millis(16));
+        for _ in 0..100 {
+            rate.on_late();
+            rate.on_timely(Duration::from_millis(10));
+        }
+        assert_eq!(rate.divider(), 1);
+    }
+}

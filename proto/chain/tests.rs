@@ -1,0 +1,346 @@
+//! The two ends of the chain wired together in memory: every message is encoded and decoded on its way, links take a
+//! random time, and boards come and go by a seed.
+
+use super::*;
+use crate::codec;
+use crate::message::NeighbourMessage;
+use crate::time::Time;
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What is under way.
+#[derive(Clone, Debug)]
+enum Flight {
+    ToBoard(BoardKey, ToBoardChain),
+    ToBackplane(BoardKey, FromBoardChain),
+    Connect { from: BoardKey, to: BoardKey, epoch: Epoch },
+    Neighbour { to: BoardKey, link: LinkId, message: NeighbourMessage },
+    Down { at: BoardKey, link: LinkId },
+}
+
+struct World {
+    now: Time,
+    backplane: BackplaneChain,
+    boards: BTreeMap<BoardKey, BoardChain>,
+    /// Both ends of each link: the right board (which opened it) and the left one.
+    links: BTreeMap<LinkId, (BoardKey, BoardKey)>,
+    flights: Vec<Flight>,
+    next_link: u64,
+    seed: u64,
+    released: Vec<BoardKey>,
+    put_out: Vec<BoardKey>,
+}
+
+fn copy<M: Serialize + serde::de::DeserializeOwned>(message: &M) -> M {
+    codec::decode(codec::encode(message, &[])).unwrap().0
+}
+
+impl World {
+    fn new(seed: u64) -> Self {
+        Self {
+            now: Time(0),
+            backplane: BackplaneChain::new(),
+            boards: BTreeMap::new(),
+            links: BTreeMap::new(),
+            flights: Vec::new(),
+            next_link: 0,
+            seed,
+            released: Vec::new(),
+            put_out: Vec::new(),
+        }
+    }
+
+    fn random(&mut self, below: usize) -> usize {
+        self.seed = self.seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.seed >> 33) as usize % below
+    }
+
+    fn join(&mut self, key: u64) {
+        let key = BoardKey(key);
+        self.boards.insert(key, BoardChain::new(key));
+        assert!(self.backplane.on_join(self.now, key, key.0.to_string()), "room in the row");
+        self.drain();
+    }
+
+    fn kill(&mut self, key: u64) {
+        let key = BoardKey(key);
+        self.boards.remove(&key);
+        let dead: Vec<_> = self.links.iter().filter(|(_, e)| e.0 == key || e.1 == key).map(|(l, e)| (*l, *e)).collect();
+        for (link, (right, left)) in dead {
+            self.links.remove(&link);
+            self.flights.push(Flight::Down { at: if right == key { left } else { right }, link });
+        }
+        self.backplane.on_lost(self.now, key);
+        self.drain();
+    }
+
+    fn drain(&mut self) {
+        while let Some(output) = self.backplane.poll_output() {
+            match output {
+                BackplaneOutput::Send(key, message) => self.flights.push(Flight::ToBoard(key, copy(&message))),
+                BackplaneOutput::Released(key) => self.released.push(key),
+                BackplaneOutput::PutOut(key, _) => self.put_out.push(key),
+                BackplaneOutput::Closed(_) => {}
+            }
+        }
+        let keys: Vec<_> = self.boards.keys().copied().collect();
+        for key in keys {
+            while let Some(output) = self.boards.get_mut(&key).unwrap().poll_output() {
+                match output {
+                    BoardOutput::ConnectLeft { epoch, address } => {
+                        let to = BoardKey(address.parse().unwrap());
+                        self.flights.push(Flight::Connect { from: key, to, epoch });
+                    }
+                    BoardOutput::ToBackplane(message) => self.flights.push(Flight::ToBackplane(key, copy(&message))),
+                    BoardOutput::ToNeighbour(link, message) => {
+                        if let Some((right, left)) = self.links.get(&link) {
+                            let to = if *right == key { *left } else { *right };
+                            self.flights.push(Flight::Neighbour { to, link, message: copy(&message) });
+                        }
+                    }
+                    BoardOutput::Close(link) => {
+                        if let Some((right, left)) = self.links.remove(&link) {
+                            self.flights.push(Flight::Down { at: if right == key { left } else { right }, link });
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Delivers one random message; those between the same two ends keep their order.
+    fn step(&mut self) -> bool {
+        if self.flights.is_empty() {
+            return false;
+        }
+        let chosen = self.random(self.flights.len());
+        let lane = lane_of(&self.flights[chosen]);
+        let first = self.flights.iter().position(|f| lane_of(f) == lane).unwrap();
+        match self.flights.remove(first) {
+            Flight::ToBoard(key, message) => {
+                if let Some(board) = self.boards.get_mut(&key) {
+                    board.on_backplane(message);
+                }
+            }
+            Flight::ToBackplane(key, message) => {
+                if self.boards.contains_key(&key) {
+                    self.backplane.on_message(self.now, key, message);
+                }
+            }
+            Flight::Connect { from, to, epoch } => {
+                let link = LinkId(self.next_link);
+                self.next_link += 1;
+                if self.boards.contains_key(&to) && self.boards.contains_key(&from) {
+                    self.links.insert(link, (from, to));
+                    self.boards.get_mut(&from).unwrap().on_left_linked(epoch, link);
+                } else if let Some(board) = self.boards.get_mut(&from) {
+                    board.on_link_lost(Some(epoch), None);
+                }
+            }
+            Flight::Neighbour { to, link, message } => {
+                if let Some(board) = self.boards.get_mut(&to) {
+                    board.on_neighbour(link, message);
+                }
+            }
+            Flight::Down { at, link } => {
+                if let Some(board) = self.boards.get_mut(&at) {
+                    board.on_link_lost(None, Some(link));
+                }
+            }
+        }
+        self.drain();
+        true
+    }
+
+    fn settle(&mut self) {
+        for _ in 0..100_000 {
+            if !self.step() {
+                return;
+            }
+        }
+        panic!("messages without end: {:?}", self.flights.iter().take(10).collect::<Vec<_>>());
+    }
+
+    fn places(&mut self, frame: u64) -> Vec<u64> {
+        self.backplane.on_frame(FrameNumber(frame));
+        self.drain();
+        self.settle();
+        let wiring = self.backplane.active().expect("a wiring is in effect").clone();
+        for (i, key) in wiring.members.iter().enumerate() {
+            let place = self.boards[key].place(wiring.epoch).expect("every member knows its place");
+            assert_eq!(place.id.0 as usize, i);
+            assert_eq!(place.weights.len(), wiring.members.len());
+        }
+        wiring.members.iter().map(|key| key.0).collect()
+    }
+}
+
+fn lane_of(flight: &Flight) -> (u8, u64, u64) {
+    match flight {
+        Flight::ToBoard(key, _) => (0, key.0, 0),
+        Flight::ToBackplane(key, _) => (1, key.0, 0),
+        Flight::Connect { from, epoch, .. } => (2, from.0, epoch.0),
+        Flight::Neighbour { to, link, .. } => (3, to.0, link.0),
+        Flight::Down { at, link } => (3, at.0, link.0),
+    }
+}
+
+#[test]
+fn three_boards_learn_their_places_from_each_other() {
+    let mut world = World::new(1);
+    for key in [10, 20, 30] {
+        world.join(key);
+    }
+    world.settle();
+    assert_eq!(world.places(0), [10, 20, 30]);
+}
+
+#[test]
+fn a_board_that_joins_later_is_counted_from_the_next_frame_on() {
+    let mut world = World::new(2);
+    world.join(1);
+    world.settle();
+    assert_eq!(world.places(0), [1]);
+    world.join(2);
+    world.settle();
+    assert_eq!(world.backplane.active().unwrap().members.len(), 1, "the frame in flight keeps its wiring");
+    assert_eq!(world.places(1), [1, 2]);
+}
+
+#[test]
+fn the_row_closes_up_when_the_middle_board_is_killed() {
+    let mut world = World::new(3);
+    for key in 1..=5 {
+        world.join(key);
+    }
+    world.settle();
+    world.places(0);
+    world.kill(3);
+    world.settle();
+    assert_eq!(world.places(1), [1, 2, 4, 5]);
+    assert!(world.put_out.is_empty(), "nobody else is blamed: {:?}", world.put_out);
+}
+
+#[test]
+fn a_board_that_leaves_is_released_only_when_others_draw_its_share() {
+    let mut world = World::new(4);
+    world.join(1);
+    world.join(2);
+    world.settle();
+    world.places(0);
+    world.backplane.on_leave(world.now, BoardKey(1));
+    world.drain();
+    world.settle();
+    assert!(world.released.is_empty(), "it still draws the frame in flight");
+    assert_eq!(world.places(1), [2]);
+    assert_eq!(world.released, [BoardKey(1)]);
+}
+
+#[test]
+fn a_board_that_never_answers_is_put_out_and_the_rest_goes_on() {
+    let mut world = World::new(5);
+    world.join(1);
+    world.join(2);
+    world.join(3);
+    // Board 2 is deaf: whatever it should hear is lost.
+    while !world.flights.is_empty() {
+        world
+            .flights
+            .retain(|f| !matches!(f, Flight::ToBoard(BoardKey(2), _) | Flight::Neighbour { to: BoardKey(2), .. }));
+        world.step();
+    }
+    let due = world.backplane.next_timeout().expect("the wiring waits");
+    world.backplane.on_timeout(due);
+    world.drain();
+    assert_eq!(world.put_out, [BoardKey(2)]);
+    world.kill(2);
+    world.settle();
+    assert_eq!(world.places(0), [1, 3]);
+}
+
+#[test]
+fn a_board_that_lies_about_its_place_is_put_out() {
+    let mut world = World::new(6);
+    world.join(1);
+    world.join(2);
+    let epoch = world.backplane.epoch();
+    world.backplane.on_message(world.now, BoardKey(2), FromBoardChain::Placed { epoch, id: 0 });
+    world.drain();
+    assert_eq!(world.put_out, [BoardKey(2)]);
+}
+
+#[test]
+fn a_frame_swaps_when_all_are_ready_and_repeats_views_when_they_are_not() {
+    let period = Duration::from_millis(16);
+    let wiring = Wiring { epoch: Epoch(1), members: vec![BoardKey(1), BoardKey(2)], weights: vec![1, 1] };
+    let mut clock = FrameClock::new(ClockMode::RealTime { period }, FrameNumber(0), 2);
+    assert!(clock.wants_open(Time(0)));
+    let frame = clock.on_open(Time(0), &wiring);
+    clock.on_ready(Time(1), BoardKey(1), frame, Epoch(1));
+    assert_eq!(clock.poll_output(), None);
+    clock.on_ready(Time(2), BoardKey(2), frame, Epoch(1));
+    let Some(ClockOutput::Swap { swap, late, .. }) = clock.poll_output() else { panic!("swapped at once") };
+    assert_eq!((swap.complete, late), (vec![true, true], false));
+
+    let tick = clock.next_timeout().unwrap();
+    let frame = clock.on_open(tick, &wiring);
+    clock.on_ready(tick, BoardKey(1), frame, Epoch(1));
+    clock.on_ready(tick, BoardKey(2), FrameNumber(0), Epoch(1));
+    clock.on_timeout(clock.next_timeout().unwrap());
+    let Some(ClockOutput::Swap { swap, late, .. }) = clock.poll_output() else { panic!("swapped at the deadline") };
+    assert_eq!((swap.complete, late), (vec![true, false], true), "the second view repeats");
+}
+
+#[test]
+fn lock_step_draws_a_frame_again_when_its_board_died() {
+    let both = Wiring { epoch: Epoch(1), members: vec![BoardKey(1), BoardKey(2)], weights: vec![1, 1] };
+    let one = Wiring { epoch: Epoch(2), members: vec![BoardKey(1)], weights: vec![1] };
+    let mut clock = FrameClock::new(ClockMode::LockStep, FrameNumber(5), 1);
+    clock.on_open(Time(0), &both);
+    clock.on_lost(Time(1), BoardKey(2));
+    clock.on_ready(Time(2), BoardKey(1), FrameNumber(5), Epoch(1));
+    assert_eq!(clock.poll_output(), None, "half a picture is not shown");
+    assert!(clock.on_rewired());
+    assert_eq!(clock.on_open(Time(3), &one), FrameNumber(5), "the same frame again");
+    clock.on_ready(Time(4), BoardKey(1), FrameNumber(5), Epoch(2));
+    assert!(matches!(clock.poll_output(), Some(ClockOutput::Swap { late: false, .. })));
+    assert!(!clock.wants_open(Time(5)), "the compositor hasn't shown it");
+    clock.on_presented(FrameNumber(5));
+    assert!(clock.wants_open(Time(6)));
+}
+
+proptest! {
+    #[test]
+    fn whatever_comes_and_goes_the_row_settles_on_the_boards_that_are_there(
+        seed in any::<u64>(),
+        events in prop::collection::vec((0u64..8, any::<bool>(), 0usize..40), 1..40),
+    ) {
+        let mut world = World::new(seed);
+        let mut present = std::collections::BTreeSet::new();
+        let mut incarnation = 0;
+        let mut keys = BTreeMap::new();
+        for (name, join, steps) in events {
+            if join && !present.contains(&name) {
+                incarnation += 1;
+                keys.insert(name, incarnation);
+                world.join(incarnation);
+                present.insert(name);
+            } else if !join && present.remove(&name) {
+                world.kill(keys[&name]);
+            }
+            for _ in 0..steps {
+                world.step();
+            }
+        }
+        world.settle();
+        prop_assert!(world.put_out.is_empty(), "nobody is put out without cause: {:?}", world.put_out);
+        if !present.is_empty() {
+            let mut members = world.places(1);
+            members.sort_unstable();
+            let mut expected: Vec<_> = present.iter().map(|name| keys[name]).collect();
+            expected.sort_unstable();
+            prop_assert_eq!(members, expected);
+        }
+    }
+}

@@ -1,0 +1,464 @@
+//! Bytes: how a message becomes a frame on a stream and back.
+//!
+//! A connection begins with a *preamble* of 16 fixed bytes from either side, so that two programs of different versions
+//! can still tell each other so. After it come frames: a length (u32, little endian, not counting itself), then a header length (u32), the header in
+//! bincode, and a raw payload that may be empty. Small things are typed headers; vertices, texels, lists and pixels are
+//! payload, little-endian and unparsed, because they are megabytes.
+//!
+//! bincode has one safe form here: fixed-size integers, a limit, a slice, and no trailing bytes. Nothing else in the
+//! project may call it (`clippy.toml` bans the free functions).
+
+use crate::ids::{ContentId, ObjectId};
+use crate::limits;
+use crate::scene::{Box3, Material, Mesh, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
+use bincode::Options;
+use bytes::{Buf, BufMut, Bytes, BytesMut};
+use glam::{DAffine3, DVec3};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use thiserror::Error;
+use tokio_util::codec::LengthDelimitedCodec;
+
+#[cfg(target_endian = "big")]
+compile_error!("bulk payloads are cast, not converted: the wire is little-endian and so must the machine be");
+
+/// Versions of the protocol that this program speaks, both ends included.
+pub const VERSIONS: VersionRange = VersionRange { min: 1, max: 1 };
+
+/// First bytes of every connection.
+pub const MAGIC: [u8; 8] = *b"CYCLORMA";
+
+/// Length of a preamble: magic, lowest version (u16), highest version (u16), zero (u32); little endian.
+pub const PREAMBLE_LEN: usize = 16;
+
+/// Why bytes are no message.
+#[derive(Debug, Error)]
+pub enum CodecError {
+    /// The preamble's magic is something else: not a Cyclorama program. The peer's fault.
+    #[error("not a cyclorama connection (it begins with {0:02x?})")]
+    Magic([u8; 8]),
+    /// No common version. Nobody's fault: one side must be upgraded.
+    #[error(
+        "no common protocol version: we speak {ours}, the other side speaks {theirs}; install the same release on both"
+    )]
+    Version {
+        /// What we speak.
+        ours: VersionRange,
+        /// What the peer speaks.
+        theirs: VersionRange,
+    },
+    /// The header does not decode, or something is left over.
+    #[error("malformed message: {0}")]
+    Header(#[from] bincode::Error),
+    /// The frame or payload is shorter than it says.
+    #[error("truncated message: {what} needs {needed} bytes, {left} are there")]
+    Truncated {
+        /// Which part.
+        what: &'static str,
+        /// How many bytes it wants.
+        needed: u64,
+        /// How many are left.
+        left: usize,
+    },
+    /// Bytes after the end.
+    #[error("{0} bytes too many after {1}")]
+    Trailing(usize, &'static str),
+    /// A number beyond its limit.
+    #[error("{what} is {value}, at most {limit} are allowed")]
+    Limit {
+        /// Which number.
+        what: &'static str,
+        /// Its value.
+        value: u64,
+        /// The limit.
+        limit: u64,
+    },
+}
+
+/// A range of protocol versions, both ends included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VersionRange {
+    /// Lowest.
+    pub min: u16,
+    /// Highest.
+    pub max: u16,
+}
+
+impl std::fmt::Display for VersionRange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.min == self.max {
+            write!(f, "version {}", self.min)
+        } else {
+            write!(f, "versions {} to {}", self.min, self.max)
+        }
+    }
+}
+
+/// The bytes that open a connection.
+pub fn preamble(versions: VersionRange) -> [u8; PREAMBLE_LEN] {
+    let mut bytes = [0; PREAMBLE_LEN];
+    bytes[..8].copy_from_slice(&MAGIC);
+    bytes[8..10].copy_from_slice(&versions.min.to_le_bytes());
+    bytes[10..12].copy_from_slice(&versions.max.to_le_bytes());
+    bytes
+}
+
+/// The highest version that both sides speak.
+///
+/// # Errors
+/// [`CodecError::Magic`] and [`CodecError::Version`], which names both sides' versions.
+pub fn agree(ours: VersionRange, preamble: &[u8; PREAMBLE_LEN]) -> Result<u16, CodecError> {
+    let mut magic = [0; 8];
+    magic.copy_from_slice(&preamble[..8]);
+    if magic != MAGIC {
+        return Err(CodecError::Magic(magic));
+    }
+    let theirs = VersionRange {
+        min: u16::from_le_bytes([preamble[8], preamble[9]]),
+        max: u16::from_le_bytes([preamble[10], preamble[11]]),
+    };
+    let common = ours.max.min(theirs.max);
+    if common < ours.min.max(theirs.min) {
+        return Err(CodecError::Version { ours, theirs });
+    }
+    Ok(common)
+}
+
+/// The frame codec of a link whose messages have at most `limit` bytes.
+pub fn framing(limit: usize) -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().little_endian().length_field_length(4).max_frame_length(limit).new_codec()
+}
+
+fn options() -> impl Options {
+    bincode::DefaultOptions::new().with_fixint_encoding().with_limit(limits::CONTROL_MESSAGE_MAX as u64)
+}
+
+/// One frame's content: `header` in bincode, then `payload` as it is.
+///
+/// # Panics
+/// If the header is larger than [`limits::CONTROL_MESSAGE_MAX`]: our own mistake, for everything of unbounded length is
+/// payload.
+pub fn encode<M: Serialize>(header: &M, payload: &[u8]) -> Bytes {
+    let head = options().serialize(header).expect("headers are bounded by construction");
+    let mut frame = BytesMut::with_capacity(4 + head.len() + payload.len());
+    frame.put_u32_le(head.len() as u32);
+    frame.put_slice(&head);
+    frame.put_slice(payload);
+    frame.freeze()
+}
+
+/// The reverse of [`encode`].
+///
+/// # Errors
+/// [`CodecError`] when the frame is too short, or the header is malformed or followed by more bytes than it says.
+pub fn decode<M: DeserializeOwned>(mut frame: Bytes) -> Result<(M, Bytes), CodecError> {
+    if frame.len() < 4 {
+        return Err(CodecError::Truncated { what: "header length", needed: 4, left: frame.len() });
+    }
+    let len = frame.get_u32_le() as usize;
+    if len > frame.len() {
+        return Err(CodecError::Truncated { what: "header", needed: len as u64, left: frame.len() });
+    }
+    let head = frame.split_to(len);
+    Ok((options().deserialize(&head)?, frame))
+}
+
+/// Takes typed pieces off a payload; every take can fail.
+#[derive(Debug)]
+pub struct Reader<'a> {
+    left: &'a [u8],
+    what: &'static str,
+}
+
+impl<'a> Reader<'a> {
+    /// A reader of `payload`, named `what` in errors.
+    pub fn new(payload: &'a [u8], what: &'static str) -> Self {
+        Self { left: payload, what }
+    }
+
+    /// The next `len` bytes.
+    ///
+    /// # Errors
+    /// [`CodecError::Truncated`].
+    pub fn bytes(&mut self, len: usize) -> Result<&'a [u8], CodecError> {
+        let Some((taken, rest)) = self.left.split_at_checked(len) else {
+            return Err(CodecError::Truncated { what: self.what, needed: len as u64, left: self.left.len() });
+        };
+        self.left = rest;
+        Ok(taken)
+    }
+
+    /// The next `count` plain values. Nothing is reserved before the bytes are known to be there.
+    ///
+    /// # Errors
+    /// [`CodecError::Truncated`].
+    pub fn values<T: bytemuck::AnyBitPattern>(&mut self, count: usize) -> Result<Vec<T>, CodecError> {
+        let len = count.checked_mul(size_of::<T>()).ok_or(CodecError::Limit {
+            what: self.what,
+            value: count as u64,
+            limit: limits::BULK_MESSAGE_MAX as u64,
+        })?;
+        Ok(self.bytes(len)?.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+    }
+
+    /// The next value.
+    ///
+    /// # Errors
+    /// [`CodecError::Truncated`].
+    pub fn value<T: bytemuck::AnyBitPattern>(&mut self) -> Result<T, CodecError> {
+        Ok(bytemuck::pod_read_unaligned(self.bytes(size_of::<T>())?))
+    }
+
+    /// Ends the reading.
+    ///
+    /// # Errors
+    /// [`CodecError::Trailing`] if anything is left.
+    pub fn finish(self) -> Result<(), CodecError> {
+        if self.left.is_empty() { Ok(()) } else { Err(CodecError::Trailing(self.left.len(), self.what)) }
+    }
+}
+
+/// Checks a count against its limit.
+///
+/// # Errors
+/// [`CodecError::Limit`].
+pub fn within(what: &'static str, value: u64, limit: usize) -> Result<usize, CodecError> {
+    if value > limit as u64 {
+        return Err(CodecError::Limit { what, value, limit: limit as u64 });
+    }
+    Ok(value as usize)
+}
+
+#[derive(Serialize, Deserialize)]
+struct MeshHeader {
+    origin: DVec3,
+    vertices: u32,
+    triangles: u32,
+    has_normals: bool,
+    has_colors: bool,
+    texcoord_sets: u8,
+    material: Material,
+    sphere: Sphere,
+    bounds: Box3,
+}
+
+/// A mesh as it travels and as it is named: [`ContentId::of`] these bytes.
+pub fn encode_mesh(mesh: &Mesh) -> Bytes {
+    let header = MeshHeader {
+        origin: mesh.origin,
+        vertices: mesh.positions.len() as u32,
+        triangles: mesh.triangles.len() as u32,
+        has_normals: !mesh.normals.is_empty(),
+        has_colors: !mesh.colors.is_empty(),
+        texcoord_sets: mesh.texcoords.len() as u8,
+        material: mesh.material,
+        sphere: mesh.sphere,
+        bounds: mesh.bounds,
+    };
+    let mut payload: Vec<u8> = Vec::new();
+    payload.extend_from_slice(bytemuck::cast_slice(&mesh.positions));
+    payload.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
+    payload.extend_from_slice(bytemuck::cast_slice(&mesh.colors));
+    for set in &mesh.texcoords {
+        payload.extend_from_slice(bytemuck::cast_slice(set));
+    }
+    payload.extend_from_slice(bytemuck::cast_slice(&mesh.triangles));
+    payload.extend_from_slice(bytemuck::cast_slice(&mesh.face_numbers));
+    encode(&header, &payload)
+}
+
+/// The reverse of [`encode_mesh`]. Lengths are checked; what the numbers mean (indices in range, finite) is checked by
+/// whoever draws them.
+///
+/// # Errors
+/// [`CodecError`].
+pub fn decode_mesh(bytes: Bytes) -> Result<Mesh, CodecError> {
+    let (header, payload): (MeshHeader, Bytes) = decode(bytes)?;
+    let triangles = within("triangles of a subobject", header.triangles.into(), limits::TRIANGLES_PER_SUBOBJECT_MAX)?;
+    let vertices = within("vertices of a subobject", header.vertices.into(), 3 * limits::TRIANGLES_PER_SUBOBJECT_MAX)?;
+    let sets = within("texture coordinate sets", header.texcoord_sets.into(), 2)?;
+    let mut reader = Reader::new(&payload, "mesh");
+    let mesh = Mesh {
+        origin: header.origin,
+        positions: reader.values(vertices)?,
+        normals: reader.values(if header.has_normals { vertices } else { 0 })?,
+        colors: reader.values(if header.has_colors { vertices } else { 0 })?,
+        texcoords: (0..sets).map(|_| reader.values(vertices)).collect::<Result<_, _>>()?,
+        triangles: reader.values(triangles)?,
+        face_numbers: reader.values(triangles)?,
+        material: header.material,
+        sphere: header.sphere,
+        bounds: header.bounds,
+    };
+    reader.finish()?;
+    Ok(mesh)
+}
+
+/// A texture as it travels and as it is named.
+pub fn encode_texture(texture: &Texture) -> Bytes {
+    encode(&(texture.width, texture.height), bytemuck::cast_slice(&texture.texels))
+}
+
+/// The reverse of [`encode_texture`].
+///
+/// # Errors
+/// [`CodecError`].
+pub fn decode_texture(bytes: Bytes) -> Result<Texture, CodecError> {
+    let ((width, height), payload): ((u32, u32), Bytes) = decode(bytes)?;
+    for side in [width, height] {
+        within("side of a texture", side.into(), limits::TEXTURE_SIZE_MAX as usize)?;
+        if side == 0 {
+            return Err(CodecError::Limit { what: "empty textures", value: 1, limit: 0 });
+        }
+    }
+    let mut reader = Reader::new(&payload, "texture");
+    let texels = reader.values(width as usize * height as usize)?;
+    reader.finish()?;
+    Ok(Texture { width, height, texels })
+}
+
+/// The scene's tables as they travel.
+pub fn encode_table(table: &SceneTable) -> Bytes {
+    let mut payload = Vec::with_capacity(table.objects.len() * 96 + table.subobjects.len() * 20);
+    for object in &table.objects {
+        put_affine(&mut payload, &object.transform);
+    }
+    for subobject in &table.subobjects {
+        payload.extend_from_slice(&subobject.object.0.to_le_bytes());
+        payload.extend_from_slice(&subobject.mesh.0);
+    }
+    encode(&(table.objects.len() as u64, table.subobjects.len() as u64), &payload)
+}
+
+/// The reverse of [`encode_table`]; every subobject's object exists.
+///
+/// # Errors
+/// [`CodecError`].
+pub fn decode_table(bytes: Bytes) -> Result<SceneTable, CodecError> {
+    let ((objects, subobjects), payload): ((u64, u64), Bytes) = decode(bytes)?;
+    let objects = within("objects", objects, limits::OBJECTS_MAX)?;
+    let subobjects = within("subobjects", subobjects, limits::SUBOBJECTS_MAX)?;
+    let needed = objects * 96 + subobjects * 20;
+    if payload.len() != needed {
+        return Err(CodecError::Truncated { what: "scene table", needed: needed as u64, left: payload.len() });
+    }
+    let mut reader = Reader::new(&payload, "scene table");
+    let mut table = SceneTable { objects: Vec::with_capacity(objects), subobjects: Vec::with_capacity(subobjects) };
+    for _ in 0..objects {
+        table.objects.push(ObjectRow { transform: take_affine(&mut reader)? });
+    }
+    for _ in 0..subobjects {
+        let object: u32 = reader.value()?;
+        if object as usize >= objects {
+            let (value, limit) = (object.into(), objects as u64);
+            return Err(CodecError::Limit { what: "object number of a subobject, plus one,", value, limit });
+        }
+        table.subobjects.push(SubobjectRow { object: ObjectId(object), mesh: ContentId(reader.value()?) });
+    }
+    reader.finish()?;
+    Ok(table)
+}
+
+/// Appends an affine map: 12 little-endian f64, the three columns of the matrix and the translation.
+pub fn put_affine(out: &mut Vec<u8>, map: &DAffine3) {
+    out.extend_from_slice(bytemuck::cast_slice(&map.to_cols_array()));
+}
+
+/// The reverse of [`put_affine`].
+///
+/// # Errors
+/// [`CodecError::Truncated`].
+pub fn take_affine(reader: &mut Reader<'_>) -> Result<DAffine3, CodecError> {
+    Ok(DAffine3::from_cols_array(&reader.value::<[f64; 12]>()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::{FromBoard, NeighbourMessage, TileMessage, ToBoard, split_tiles};
+    use proptest::prelude::*;
+
+    fn mesh() -> Mesh {
+        Mesh {
+            origin: DVec3::new(1.0, 2.0, 3.0),
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            normals: vec![[0.0, 0.0, 1.0]; 3],
+            colors: Vec::new(),
+            texcoords: vec![vec![[0.0; 2]; 3]],
+            triangles: vec![[0, 1, 2]],
+            face_numbers: vec![7],
+            material: Material::default(),
+            sphere: Sphere { centre: DVec3::ZERO, radius: 1.0 },
+            bounds: Box3 { min: DVec3::ZERO, max: DVec3::ONE },
+        }
+    }
+
+    #[test]
+    fn meshes_textures_and_tables_come_back_as_they_went() {
+        assert_eq!(decode_mesh(encode_mesh(&mesh())).unwrap(), mesh());
+        let texture = Texture { width: 2, height: 1, texels: vec![[1, 2, 3, 4], [5, 6, 7, 8]] };
+        assert_eq!(decode_texture(encode_texture(&texture)).unwrap(), texture);
+        let table = SceneTable {
+            objects: vec![ObjectRow { transform: DAffine3::from_translation(DVec3::X) }],
+            subobjects: vec![SubobjectRow { object: ObjectId(0), mesh: ContentId([3; 16]) }],
+        };
+        assert_eq!(decode_table(encode_table(&table)).unwrap(), table);
+    }
+
+    #[test]
+    fn a_subobject_of_an_object_that_is_not_there_is_refused() {
+        let table = SceneTable {
+            objects: Vec::new(),
+            subobjects: vec![SubobjectRow { object: ObjectId(0), mesh: ContentId([3; 16]) }],
+        };
+        let one = SceneTable {
+            objects: vec![ObjectRow { transform: DAffine3::IDENTITY }],
+            subobjects: vec![SubobjectRow { object: ObjectId(1), mesh: ContentId([3; 16]) }],
+        };
+        assert!(decode_table(encode_table(&one)).is_err());
+        assert!(decode_table(encode_table(&table)).is_err());
+    }
+
+    #[test]
+    fn a_version_mismatch_names_both_sides() {
+        let theirs = preamble(VersionRange { min: 7, max: 9 });
+        let error = agree(VersionRange { min: 1, max: 2 }, &theirs).unwrap_err().to_string();
+        assert!(error.contains("versions 1 to 2") && error.contains("versions 7 to 9"), "{error}");
+        assert_eq!(agree(VersionRange { min: 1, max: 8 }, &theirs).unwrap(), 8);
+        assert!(matches!(agree(VERSIONS, b"GET / HTTP/1.1\r\n"), Err(CodecError::Magic(_))));
+    }
+
+    #[test]
+    fn a_claimed_giant_reserves_nothing() {
+        let frame = encode(&(u64::MAX, u64::MAX), &[]);
+        assert!(matches!(decode_table(frame), Err(CodecError::Limit { .. })));
+        let mut header = BytesMut::new();
+        header.put_u32_le(u32::MAX);
+        assert!(matches!(decode::<u8>(header.freeze()), Err(CodecError::Truncated { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn random_bytes_never_panic_any_decoder(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+            let bytes = Bytes::from(bytes);
+            let _ = decode_mesh(bytes.clone());
+            let _ = decode_texture(bytes.clone());
+            let _ = decode_table(bytes.clone());
+            let _ = decode::<ToBoard>(bytes.clone());
+            let _ = decode::<FromBoard>(bytes.clone());
+            let _ = decode::<TileMessage>(bytes.clone());
+            let _ = decode::<NeighbourMessage>(bytes.clone());
+            let _ = split_tiles(&bytes, 3, (100, 100));
+        }
+
+        #[test]
+        fn a_damaged_mesh_is_refused_or_has_equal_lengths(at in 0usize..400, byte in any::<u8>()) {
+            let mut bytes = encode_mesh(&mesh()).to_vec();
+            let at = at % bytes.len();
+            bytes[at] = byte;
+            if let Ok(mesh) = decode_mesh(bytes.into()) {
+                prop_assert!(mesh.normals.is_empty() || mesh.normals.len() == mesh.positions.len());
+                prop_assert_eq!(mesh.triangles.len(), mesh.face_numbers.len());
+            }
+        }
+    }
+}

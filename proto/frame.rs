@@ -1,0 +1,140 @@
+//! One frame: what every board must know to draw it, and the pieces of picture that come back.
+
+use crate::ids::{Epoch, FrameNumber, ObjectId, ViewId};
+use crate::view::Pose;
+use bytemuck::{Pod, Zeroable};
+use glam::{DAffine3, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// What is seen where nothing is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Background {
+    /// The sky of picture.md: horizon (0.60, 0.70, 0.80) to zenith (0.15, 0.30, 0.60) by elevation angle.
+    Sky,
+    /// One linear RGB colour.
+    Constant([f32; 3]),
+}
+
+/// Light and air: the same for every board of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Environment {
+    /// Ambient light, linear.
+    pub ambient: f32,
+    /// The sun's light, linear.
+    pub sun: f32,
+    /// Unit vector towards the sun, world frame.
+    pub sun_direction: DVec3,
+    /// Behind everything.
+    pub background: Background,
+    /// Distance at which 98 % is faded and beyond which nothing is drawn, m; `None`: clear air.
+    pub visibility_m: Option<f64>,
+    /// The colour that things fade to; `None`: the horizon's, or the constant background.
+    pub fog: Option<[f32; 3]>,
+}
+
+impl Default for Environment {
+    fn default() -> Self {
+        Self {
+            ambient: 0.3,
+            sun: 0.7,
+            sun_direction: DVec3::new(0.35, 0.80, 0.48).normalize(),
+            background: Background::Sky,
+            visibility_m: None,
+            fog: None,
+        }
+    }
+}
+
+/// What all boards share of one frame. With the scene it decides every byte of the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameState {
+    /// Which frame.
+    pub frame: FrameNumber,
+    /// The wiring it is drawn under.
+    pub epoch: Epoch,
+    /// The eyepoint, world frame.
+    pub eye: Pose,
+    /// Light and air.
+    pub environment: Environment,
+}
+
+/// An object that is somewhere else than the scene table says.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Moved {
+    /// Which object.
+    pub object: ObjectId,
+    /// Mesh space → world.
+    pub transform: DAffine3,
+}
+
+/// Side of a tile, pixels: the grain of shares, of raster work and of change detection.
+pub const TILE: u32 = 32;
+
+/// A tile's place in its view: column and row, in tiles from the upper left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Pod, Zeroable)]
+#[repr(C)]
+pub struct TileIndex {
+    /// Column.
+    pub x: u16,
+    /// Row.
+    pub y: u16,
+}
+
+/// The pixels of a view that a tile covers: `x0..x1` × `y0..y1`, upper ends excluded; cut off at the view's border.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRect {
+    /// Left, included.
+    pub x0: u32,
+    /// Top, included.
+    pub y0: u32,
+    /// Right, excluded.
+    pub x1: u32,
+    /// Bottom, excluded.
+    pub y1: u32,
+}
+
+impl PixelRect {
+    /// Width in pixels.
+    pub fn width(&self) -> u32 {
+        self.x1 - self.x0
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> u32 {
+        self.y1 - self.y0
+    }
+
+    /// Number of pixels.
+    pub fn area(&self) -> usize {
+        self.width() as usize * self.height() as usize
+    }
+}
+
+impl TileIndex {
+    /// The pixels of this tile in a view of `width` × `height`.
+    pub fn rect(self, width: u32, height: u32) -> PixelRect {
+        let (x0, y0) = (u32::from(self.x) * TILE, u32::from(self.y) * TILE);
+        PixelRect { x0: x0.min(width), y0: y0.min(height), x1: (x0 + TILE).min(width), y1: (y0 + TILE).min(height) }
+    }
+}
+
+/// Number of tile columns and rows of a view.
+pub fn tile_grid(width: u32, height: u32) -> (u32, u32) {
+    (width.div_ceil(TILE), height.div_ceil(TILE))
+}
+
+/// Finished pixels of some tiles of one view: sRGB-encoded RGB, 3 bytes a pixel, each tile row-major and tightly
+/// packed, one tile after the other.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TileRun {
+    /// Which frame.
+    pub frame: FrameNumber,
+    /// Drawn under which wiring.
+    pub epoch: Epoch,
+    /// Which view.
+    pub view: ViewId,
+    /// Which tiles, in the order of their pixels.
+    pub tiles: Vec<TileIndex>,
+    /// All pixels.
+    pub rgb: Vec<u8>,
+}

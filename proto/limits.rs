@@ -1,0 +1,31 @@
+//! Every bound on what a peer may make us reserve, with the arithmetic that connects them.
+
+/// Largest side of a view, pixels.
+pub const VIEW_SIZE_MAX: u32 = 16_384;
+/// Most views of a rig.
+pub const VIEWS_MAX: usize = 64;
+/// Most boards in the row.
+pub const BOARDS_MAX: usize = 256;
+/// Most objects of a scene.
+pub const OBJECTS_MAX: usize = 16_000_000;
+/// Most subobjects of a scene.
+pub const SUBOBJECTS_MAX: usize = 64_000_000;
+/// Most triangles of one subobject: small enough that a list can drop or reorder it as one piece of work.
+pub const TRIANGLES_PER_SUBOBJECT_MAX: usize = 2048;
+/// Largest side of a texture, texels.
+pub const TEXTURE_SIZE_MAX: u32 = 16_384;
+/// Most entities that one frame moves.
+pub const MOVED_MAX: usize = 100_000;
+/// Largest control message, bytes.
+pub const CONTROL_MESSAGE_MAX: usize = 1 << 20;
+/// Largest bulk message (a mesh, a texture, a table slice, a run of tiles), bytes.
+pub const BULK_MESSAGE_MAX: usize = 1 << 28;
+/// Longest name of a board, node or host that travels, bytes.
+pub const NAME_MAX: usize = 256;
+/// Most entities in one native pose packet.
+pub const POSE_ENTITIES_MAX: usize = 512;
+
+const _: () = assert!(
+    (TEXTURE_SIZE_MAX as u64) * (TEXTURE_SIZE_MAX as u64) * 4 >= BULK_MESSAGE_MAX as u64,
+    "the message limit, not the side limit, bounds a texture's memory"
+);

@@ -1,0 +1,356 @@
+//! What the daemons say to each other, link by link. Every message is a typed header and maybe a raw payload
+//! ([`crate::codec::encode`]); the payload of each is named here. New variants go to the end.
+
+use crate::chain::{FromBoardChain, ToBoardChain};
+use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
+use crate::frame::{FrameState, Moved, TileIndex};
+use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ObjectId, ViewId};
+use crate::limits;
+use crate::view::View;
+use serde::{Deserialize, Serialize};
+
+/// First message of whoever connects to the backplane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// A name for people: in logs and on the console.
+    pub name: String,
+    /// What it is.
+    pub role: Role,
+}
+
+/// What connects to the backplane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Role {
+    /// A channel worker.
+    Board {
+        /// Threads that it draws with.
+        threads: u32,
+        /// Where its right neighbour can reach it, `host:port`.
+        link: String,
+        /// The tables it has kept from before, if any; when they are the rig's, its meshes are complete too.
+        scene: Option<ContentId>,
+    },
+    /// A compositor.
+    Compositor {
+        /// Where boards can reach it, `host:port`.
+        listen: String,
+    },
+}
+
+/// Backplane → board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToBoard {
+    /// The board is taken.
+    Welcome {
+        /// Its key.
+        key: BoardKey,
+    },
+    /// The board or compositor is not taken.
+    Refused {
+        /// Why, for people.
+        reason: String,
+    },
+    /// Ask: which of these do you lack? Payload: content ids, 16 bytes each, textures before meshes.
+    Offer {
+        /// The scene: the content id of its tables.
+        scene: ContentId,
+    },
+    /// A mesh. Payload: [`crate::codec::encode_mesh`].
+    Mesh {
+        /// Its name.
+        id: ContentId,
+    },
+    /// A texture. Payload: [`crate::codec::encode_texture`].
+    Texture {
+        /// Its name.
+        id: ContentId,
+    },
+    /// The tables; with them the scene is complete. Payload: [`crate::codec::encode_table`].
+    Table {
+        /// The content id of the payload.
+        scene: ContentId,
+    },
+    /// Where the compositor listens now, `host:port`; `None`: there is none.
+    Compositor {
+        /// The address.
+        address: Option<String>,
+    },
+    /// The chain's own messages.
+    Chain(ToBoardChain),
+    /// Draw a frame. Payload: [`FramePayload`].
+    Frame(FrameHeader),
+    /// A frame is over: all displays change.
+    Swap(Swap),
+    /// The rig ends.
+    Goodbye,
+}
+
+/// Board → backplane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromBoard {
+    /// Answer to an offer. Payload: the content ids that are lacking, 16 bytes each.
+    Lacking,
+    /// The scene is complete here.
+    Loaded {
+        /// Which scene.
+        scene: ContentId,
+    },
+    /// The chain's own messages.
+    Chain(FromBoardChain),
+    /// The board's share of every view of this frame is drawn and handed to the compositor's link.
+    Ready {
+        /// Which frame.
+        frame: FrameNumber,
+        /// Under which wiring.
+        epoch: Epoch,
+        /// What it cost.
+        report: BoardReport,
+    },
+    /// The board wants to leave; it stays until told [`ToBoard::Goodbye`].
+    Leave,
+    /// The link is alive.
+    Heartbeat,
+}
+
+/// What one frame cost one board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BoardReport {
+    /// Time in geometry, ns.
+    pub geometry_ns: u64,
+    /// Time in raster, ns.
+    pub raster_ns: u64,
+    /// Time in translucency, ns.
+    pub translucency_ns: u64,
+    /// Time in resolve, ns.
+    pub resolve_ns: u64,
+    /// Time for comparing tiles and handing them to the compositor's link, ns.
+    pub transfer_ns: u64,
+    /// Triangles that came in.
+    pub triangles: u64,
+    /// Triangles dropped because they show their back.
+    pub backface: u64,
+    /// Triangles, blocks and pixels dropped because something nearer covers them.
+    pub occluded: u64,
+    /// Translucent fragments.
+    pub fragments: u64,
+    /// Tiles without any translucent fragment.
+    pub tiles_opaque: u64,
+    /// Pixels shaded once.
+    pub pixels_single: u64,
+    /// Pixels shaded for more than one face.
+    pub pixels_multi: u64,
+    /// Tiles drawn but equal to what was sent last.
+    pub tiles_unchanged: u64,
+    /// One if nothing changed and nothing was drawn.
+    pub frames_unchanged: u64,
+    /// Bytes of tiles sent.
+    pub tile_bytes: u64,
+}
+
+/// The head of a frame for one board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameHeader {
+    /// What all boards share.
+    pub state: FrameState,
+    /// The views, when they are not those of the frame before.
+    pub views: Option<Vec<View>>,
+    /// For each view that this board draws, how its list changes.
+    pub lists: Vec<ListUpdate>,
+    /// How many objects the payload moves.
+    pub moved: u32,
+}
+
+/// How one view's list changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ListUpdate {
+    /// Which view.
+    pub view: ViewId,
+    /// What the script is applied to.
+    pub base: ListBase,
+    /// Length of the script in the payload, bytes.
+    pub script_bytes: u32,
+}
+
+/// What a list script starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ListBase {
+    /// The empty list.
+    Empty,
+    /// The view's last list.
+    Last,
+    /// The view's last list, and there is no script: nothing changed.
+    Same,
+}
+
+/// The payload of a frame: the objects that are elsewhere than the tables say, then the list scripts one after the
+/// other. All moved objects of the frame are named, not only those that moved since the last.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FramePayload {
+    /// Objects elsewhere.
+    pub moved: Vec<Moved>,
+    /// List scripts, in the order of [`FrameHeader::lists`].
+    pub scripts: Vec<u8>,
+}
+
+impl FramePayload {
+    /// The bytes: 100 per moved object (u32 id, 12 f64), then the scripts.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut out = Vec::with_capacity(self.moved.len() * 100 + self.scripts.len());
+        for moved in &self.moved {
+            out.extend_from_slice(&moved.object.0.to_le_bytes());
+            put_affine(&mut out, &moved.transform);
+        }
+        out.extend_from_slice(&self.scripts);
+        out
+    }
+
+    /// The reverse of [`Self::encode`].
+    ///
+    /// # Errors
+    /// [`CodecError`] when the payload does not have exactly the length that the header says.
+    pub fn decode(header: &FrameHeader, payload: &[u8]) -> Result<Self, CodecError> {
+        let count = within("moved objects", header.moved.into(), limits::MOVED_MAX)?;
+        let mut reader = Reader::new(payload, "frame payload");
+        let mut moved = Vec::with_capacity(count.min(payload.len() / 100));
+        for _ in 0..count {
+            let object = ObjectId(reader.value()?);
+            moved.push(Moved { object, transform: take_affine(&mut reader)? });
+        }
+        let total: u64 = header.lists.iter().map(|l| u64::from(l.script_bytes)).sum();
+        let scripts = reader.bytes(within("list scripts", total, limits::BULK_MESSAGE_MAX)?)?.to_vec();
+        reader.finish()?;
+        Ok(Self { moved, scripts })
+    }
+}
+
+/// A frame is over.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Swap {
+    /// Which frame.
+    pub frame: FrameNumber,
+    /// Under which wiring it was drawn.
+    pub epoch: Epoch,
+    /// For each view whether it is complete; one that is not repeats its last image as a whole.
+    pub complete: Vec<bool>,
+    /// The boards whose tiles make up the complete views.
+    pub boards: Vec<BoardKey>,
+    /// Whether the compositor shall make a preview picture for the console.
+    pub preview: bool,
+}
+
+/// Backplane → compositor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToCompositor {
+    /// The compositor is taken; these are the views.
+    Welcome,
+    /// Not taken.
+    Refused {
+        /// Why, for people.
+        reason: String,
+    },
+    /// The views from the next swap on.
+    Views(Vec<View>),
+    /// Show a frame.
+    Swap(Swap),
+    /// The rig ends: finish what is queued, then end.
+    Goodbye,
+}
+
+/// Compositor → backplane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromCompositor {
+    /// The frame is stitched and handed to every sink.
+    Presented {
+        /// Which frame.
+        frame: FrameNumber,
+        /// Time from the last tile's arrival to the finished picture, ns.
+        stitch_ns: u64,
+    },
+    /// The newest picture for the console. Payload: a JPEG.
+    Preview {
+        /// Which frame.
+        frame: FrameNumber,
+    },
+    /// The link is alive.
+    Heartbeat,
+}
+
+/// Board → compositor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum TileMessage {
+    /// First message: who sends.
+    Hello {
+        /// The board's key with the backplane.
+        key: BoardKey,
+    },
+    /// Tiles that changed. Payload: 4 bytes per tile index, then the pixels ([`crate::frame::TileRun`]).
+    Tiles {
+        /// Which frame.
+        frame: FrameNumber,
+        /// Under which wiring.
+        epoch: Epoch,
+        /// Which view.
+        view: ViewId,
+        /// How many tiles.
+        count: u32,
+        /// Size of the view that they belong to, pixels.
+        size: (u32, u32),
+    },
+    /// All tiles of the frame have been sent.
+    Done {
+        /// Which frame.
+        frame: FrameNumber,
+        /// Under which wiring.
+        epoch: Epoch,
+    },
+}
+
+/// Takes the payload of [`TileMessage::Tiles`] apart and checks that every tile lies in the view and the pixels are as many as
+/// the tiles have.
+///
+/// # Errors
+/// [`CodecError`].
+pub fn split_tiles(payload: &[u8], count: u32, size: (u32, u32)) -> Result<(Vec<TileIndex>, &[u8]), CodecError> {
+    for side in [size.0, size.1] {
+        within("side of a view", side.into(), limits::VIEW_SIZE_MAX as usize)?;
+    }
+    let (columns, rows) = crate::frame::tile_grid(size.0, size.1);
+    let count = within("tiles of a view", count.into(), columns as usize * rows as usize)?;
+    let mut reader = Reader::new(payload, "tiles");
+    let tiles: Vec<TileIndex> = reader.values(count)?;
+    let mut pixels = 0;
+    for tile in &tiles {
+        within("tile column", tile.x.into(), columns.saturating_sub(1) as usize)?;
+        within("tile row", tile.y.into(), rows.saturating_sub(1) as usize)?;
+        pixels += tile.rect(size.0, size.1).area();
+    }
+    let rgb = reader.bytes(pixels * 3)?;
+    reader.finish()?;
+    Ok((tiles, rgb))
+}
+
+/// Board ↔ board: the neighbour link. The right board opens it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum NeighbourMessage {
+    /// From the right board, first: who I am and for which wiring.
+    Hello {
+        /// The right board's key.
+        key: BoardKey,
+        /// The wiring.
+        epoch: Epoch,
+    },
+    /// Left to right: your place.
+    Id {
+        /// The wiring.
+        epoch: Epoch,
+        /// The receiver's id.
+        id: u32,
+    },
+    /// Right to left: how many boards there are.
+    Total {
+        /// The wiring.
+        epoch: Epoch,
+        /// The number.
+        total: u32,
+    },
+}
