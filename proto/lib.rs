@@ -6,11 +6,13 @@
 //! here, so that a simulator, a model checker and the daemons run the very same code.
 #![forbid(unsafe_code)]
 
+pub mod backoff;
 pub mod chain;
 pub mod codec;
 pub mod frame;
 pub mod ids;
 pub mod limits;
+pub mod link;
 pub mod list;
 pub mod message;
 pub mod pose;

@@ -108,8 +108,6 @@ pub enum FromBoard {
     },
     /// The board wants to leave; it stays until told [`ToBoard::Goodbye`].
     Leave,
-    /// The link is alive.
-    Heartbeat,
 }
 
 /// What one frame cost one board.
@@ -241,7 +239,7 @@ pub struct Swap {
 /// Backplane → compositor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ToCompositor {
-    /// The compositor is taken; these are the views.
+    /// The compositor is taken.
     Welcome,
     /// Not taken.
     Refused {
@@ -271,8 +269,11 @@ pub enum FromCompositor {
         /// Which frame.
         frame: FrameNumber,
     },
-    /// The link is alive.
-    Heartbeat,
+    /// The frame can't be shown: a board's link broke before its tiles were here.
+    Missing {
+        /// Which frame.
+        frame: FrameNumber,
+    },
 }
 
 /// Board → compositor.

@@ -193,6 +193,14 @@ impl FrameClock {
         }
     }
 
+    /// The compositor can't show a frame, for tiles were lost with a link: in lock-step it is drawn again.
+    pub fn on_missing(&mut self, frame: FrameNumber) {
+        if self.presenting == Some(frame) {
+            self.presenting = None;
+            self.next_frame = frame;
+        }
+    }
+
     /// The compositor is gone: nothing waits for it.
     pub fn on_compositor_lost(&mut self) {
         self.presenting = None;

@@ -1,0 +1,296 @@
+//! The compositor's daemon: links, and one task that owns the [`Stitcher`].
+//!
+//! | task | owns | waits for |
+//! |---|---|---|
+//! | main | stitcher, sinks, the link to the backplane | messages, tiles, shutdown |
+//! | listener | the listening socket | boards |
+//! | one per board | that board's link | tiles; its queue to main is short, so a board that is too fast is held back by TCP |
+//! | png, preview threads | their encoder | pictures |
+//!
+//! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again.
+
+use crate::sinks::{Picture, PngFiles, SinkError, preview};
+use crate::stitch::Stitcher;
+use bytes::Bytes;
+use futures_util::StreamExt;
+use proto::backoff::Backoff;
+use proto::codec;
+use proto::ids::BoardKey;
+use proto::limits;
+use proto::link::{self, Link, LinkError};
+use proto::message::{FromCompositor, Hello, Role, TileMessage, ToCompositor};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use thiserror::Error;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+/// Messages from boards that may wait; with a message per board and view and frame, a few frames.
+const TILE_QUEUE: usize = 64;
+/// A peer that has not finished its greeting by then is dropped.
+const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How a compositor is set up.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Where the backplane listens, `host:port`.
+    pub backplane: String,
+    /// Where to listen for boards; port 0: any free port.
+    pub listen: SocketAddr,
+    /// Folder for PNG files of every frame.
+    pub out: Option<PathBuf>,
+    /// End when the rig ends, instead of waiting for the next one.
+    pub once: bool,
+}
+
+/// Why a compositor ends.
+#[derive(Debug, Error)]
+pub enum CompositorError {
+    /// The listening socket.
+    #[error("cannot listen on {0}: {1}; choose another with --listen")]
+    Listen(SocketAddr, std::io::Error),
+    /// A file.
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    /// The backplane doesn't want us.
+    #[error("the backplane at {0} refused this compositor: {1}")]
+    Refused(String, String),
+}
+
+enum Event {
+    Board(BoardKey, u64),
+    Message(BoardKey, u64, TileMessage, Bytes),
+    Lost(BoardKey, u64),
+}
+
+/// Why one session with a backplane is over.
+enum End {
+    Goodbye,
+    Lost(LinkError),
+    Shutdown,
+    Failed(CompositorError),
+}
+
+/// Runs until `shutdown`, or until the rig ends when `config.once`. Returns the number of files written.
+///
+/// # Errors
+/// [`CompositorError`].
+pub async fn run(
+    config: Config,
+    shutdown: CancellationToken,
+    listening: impl FnOnce(SocketAddr),
+) -> Result<u64, CompositorError> {
+    let cannot_listen = |error| CompositorError::Listen(config.listen, error);
+    let listener = TcpListener::bind(config.listen).await.map_err(cannot_listen)?;
+    let address = listener.local_addr().map_err(cannot_listen)?;
+    listening(address);
+    let (events, mut inbox) = mpsc::channel(TILE_QUEUE);
+    let accepting = tokio::spawn(accept(listener, events));
+
+    let mut files = match &config.out {
+        Some(folder) => Some(PngFiles::new(folder.clone())?),
+        None => None,
+    };
+    let mut stitcher = Stitcher::new();
+    let mut links = std::collections::BTreeMap::new();
+    let mut backoff = Backoff::new(u64::from(std::process::id()));
+    let result = loop {
+        let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, files.as_ref(), &mut backoff);
+        let end = tokio::select! {
+            end = session => end,
+            () = shutdown.cancelled() => End::Shutdown,
+        };
+        match end {
+            End::Shutdown => break Ok(()),
+            End::Failed(error) => break Err(error),
+            End::Goodbye if config.once => break Ok(()),
+            End::Goodbye => tracing::info!("the rig has ended; waiting for the next"),
+            End::Lost(error) => tracing::debug!(%error, "no backplane"),
+        }
+        tokio::select! {
+            () = tokio::time::sleep(backoff.next_wait()) => {}
+            () = shutdown.cancelled() => break Ok(()),
+        }
+    };
+    accepting.abort();
+    let written = match files.take() {
+        // The disk may be slow; the runtime must not wait for it on its own thread.
+        Some(files) => tokio::task::spawn_blocking(|| files.finish()).await.unwrap_or(Ok(0))?,
+        None => 0,
+    };
+    result.map(|()| written)
+}
+
+async fn session(
+    config: &Config,
+    address: SocketAddr,
+    stitcher: &mut Stitcher,
+    links: &mut std::collections::BTreeMap<BoardKey, u64>,
+    inbox: &mut mpsc::Receiver<Event>,
+    files: Option<&PngFiles>,
+    backoff: &mut Backoff,
+) -> End {
+    let mut backplane = match tokio::time::timeout(GREETING_TIMEOUT, greet(config, address)).await {
+        Err(_) => return End::Lost(LinkError::Closed),
+        Ok(Err(error)) => return End::Lost(error),
+        Ok(Ok(Err(reason))) => return End::Failed(CompositorError::Refused(config.backplane.clone(), reason)),
+        Ok(Ok(Ok(link))) => link,
+    };
+    backoff.reset();
+    tracing::info!(backplane = %config.backplane, "connected");
+    let (previews, mut previews_made) = mpsc::channel::<(proto::ids::FrameNumber, Vec<u8>)>(1);
+    loop {
+        tokio::select! {
+            message = link::receive::<ToCompositor>(&mut backplane) => match message {
+                Err(error) => return End::Lost(error),
+                Ok(None) => return End::Lost(LinkError::Closed),
+                Ok(Some((ToCompositor::Welcome, _))) => {}
+                Ok(Some((ToCompositor::Refused { reason }, _))) => {
+                    return End::Failed(CompositorError::Refused(config.backplane.clone(), reason));
+                }
+                Ok(Some((ToCompositor::Views(views), _))) => stitcher.set_views(&views),
+                Ok(Some((ToCompositor::Swap(swap), _))) => stitcher.on_swap(swap),
+                Ok(Some((ToCompositor::Goodbye, _))) => return End::Goodbye,
+            },
+            Some(event) = inbox.recv() => {
+                if let Err(error) = on_event(stitcher, links, &mut backplane, event).await {
+                    return End::Lost(error);
+                }
+            }
+            Some((frame, jpeg)) = previews_made.recv() => {
+                if let Err(error) = link::send(&mut backplane, &FromCompositor::Preview { frame }, &jpeg).await {
+                    return End::Lost(error);
+                }
+            }
+        }
+        let started = Instant::now();
+        while let Some(shown) = stitcher.poll() {
+            let stitch_ns = started.elapsed().as_nanos() as u64;
+            if files.is_some() || shown.preview {
+                let (width, height) = stitcher.size();
+                let picture = Arc::new(Picture { frame: shown.frame, width, height, rgb: stitcher.canvas().to_vec() });
+                if let Some(files) = files
+                    && !files.write(picture.clone()).await
+                {
+                    // The writer has failed; its error comes out when it is joined.
+                    return End::Goodbye;
+                }
+                if shown.preview
+                    && let Ok(permit) = previews.clone().try_reserve_owned()
+                {
+                    tokio::task::spawn_blocking(move || permit.send((picture.frame, preview(&picture))));
+                }
+            }
+            let presented = FromCompositor::Presented { frame: shown.frame, stitch_ns };
+            if let Err(error) = link::send(&mut backplane, &presented, &[]).await {
+                return End::Lost(error);
+            }
+        }
+    }
+}
+
+async fn greet(config: &Config, address: SocketAddr) -> Result<Result<Link<TcpStream>, String>, LinkError> {
+    let stream = TcpStream::connect(&config.backplane).await?;
+    stream.set_nodelay(true)?;
+    // Listening on any address, we are reached at the one that reaches the backplane.
+    let ip = if address.ip().is_unspecified() { stream.local_addr()?.ip() } else { address.ip() };
+    let listen = SocketAddr::new(ip, address.port()).to_string();
+    let mut backplane = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
+    let hello = Hello { name: "compositor".into(), role: Role::Compositor { listen } };
+    link::send(&mut backplane, &hello, &[]).await?;
+    match link::expect(&mut backplane).await?.0 {
+        ToCompositor::Refused { reason } => Ok(Err(reason)),
+        _ => Ok(Ok(backplane)),
+    }
+}
+
+async fn on_event(
+    stitcher: &mut Stitcher,
+    links: &mut std::collections::BTreeMap<BoardKey, u64>,
+    backplane: &mut Link<TcpStream>,
+    event: Event,
+) -> Result<(), LinkError> {
+    match event {
+        Event::Board(key, link) => {
+            links.insert(key, link);
+            stitcher.on_board(key);
+        }
+        Event::Message(key, link, message, payload) if links.get(&key) == Some(&link) => match message {
+            TileMessage::Tiles { frame, epoch, view, count, size } => {
+                if let Err(error) = stitcher.on_tiles(key, frame, epoch, view, count, size, payload) {
+                    tracing::warn!(%key, %error, "malformed tiles: board dropped");
+                    links.remove(&key);
+                    stitcher.on_lost(key);
+                }
+            }
+            TileMessage::Done { frame, epoch } => stitcher.on_done(key, frame, epoch),
+            TileMessage::Hello { .. } => {}
+        },
+        Event::Lost(key, link) if links.get(&key) == Some(&link) => {
+            links.remove(&key);
+            for frame in stitcher.on_lost(key) {
+                link::send(backplane, &FromCompositor::Missing { frame }, &[]).await?;
+            }
+        }
+        // Of a link that has been replaced meanwhile.
+        Event::Message(..) | Event::Lost(..) => {}
+    }
+    Ok(())
+}
+
+async fn accept(listener: TcpListener, events: mpsc::Sender<Event>) {
+    let mut next_link = 0;
+    loop {
+        match listener.accept().await {
+            Ok((stream, from)) => {
+                next_link += 1;
+                let (link, events) = (next_link, events.clone());
+                tokio::spawn(async move {
+                    if let Err(error) = serve(stream, link, events).await {
+                        tracing::debug!(%from, %error, "tile link ended");
+                    }
+                });
+            }
+            Err(error) => {
+                // Out of file descriptors, most likely: others may be given back.
+                tracing::warn!(%error, "accept failed");
+                tokio::time::sleep(Duration::from_millis(100)).await;
+            }
+        }
+    }
+}
+
+async fn serve(stream: TcpStream, link: u64, events: mpsc::Sender<Event>) -> Result<(), LinkError> {
+    stream.set_nodelay(true)?;
+    let greeting = async {
+        let mut tiles = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
+        let (hello, _) = link::expect::<TileMessage>(&mut tiles).await?;
+        Ok::<_, LinkError>((tiles, hello))
+    };
+    let Ok(greeted) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else { return Ok(()) };
+    let (mut tiles, TileMessage::Hello { key }) = greeted? else { return Ok(()) };
+    // A closed queue means that the daemon ends: then so does this task.
+    if events.send(Event::Board(key, link)).await.is_err() {
+        return Ok(());
+    }
+    let result = loop {
+        match tiles.next().await {
+            None => break Ok(()),
+            Some(Err(error)) => break Err(error.into()),
+            Some(Ok(frame)) => match codec::decode(frame.freeze()) {
+                Err(error) => break Err(error.into()),
+                Ok((message, payload)) => {
+                    if events.send(Event::Message(key, link, message, payload)).await.is_err() {
+                        return Ok(());
+                    }
+                }
+            },
+        }
+    };
+    // As above.
+    let _ = events.send(Event::Lost(key, link)).await;
+    result
+}

@@ -1,0 +1,334 @@
+//! Stitching: tiles come in from boards in any order, pictures go out whole.
+//!
+//! A board sends only the tiles that differ from those it sent last, then says *done* for the frame. So tiles are kept
+//! aside, by board, until the backplane swaps a frame to which they belong; then they are laid on the canvas in the order
+//! of their frames. What is on the canvas is thus always the picture last shown: a view that is not complete at its swap
+//! simply isn't touched, and repeats as a whole. A swap is carried out only when every board that it names is done with that
+//! frame. When a newer swap can be carried out, older ones are passed over.
+//!
+//! A wiring begins with every board sending all of its tiles, so what was sent under an older wiring is dropped.
+
+use bytes::Bytes;
+use proto::codec::CodecError;
+use proto::frame::TileIndex;
+use proto::ids::{BoardKey, Epoch, FrameNumber, ViewId};
+use proto::message::{Swap, split_tiles};
+use proto::view::View;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Swaps that may wait for tiles; beyond, the oldest is given up. Two seconds at 60 Hz: more means that a board's link is
+/// far behind, and newest wins.
+const SWAPS_MAX: usize = 120;
+
+/// Tiles of one message, not yet on the canvas.
+#[derive(Clone, Debug)]
+struct Run {
+    frame: FrameNumber,
+    epoch: Epoch,
+    view: ViewId,
+    tiles: Vec<TileIndex>,
+    /// The pixels lie at the end of this payload, from `pixels_at` on.
+    payload: Bytes,
+    pixels_at: usize,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Inbox {
+    runs: VecDeque<Run>,
+    done: Option<(Epoch, FrameNumber)>,
+}
+
+/// A view's place on the canvas.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Placed {
+    x: u32,
+    width: u32,
+    height: u32,
+}
+
+/// A frame went onto the canvas.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shown {
+    /// Which.
+    pub frame: FrameNumber,
+    /// Whether the console wants it.
+    pub preview: bool,
+    /// Number of tiles that changed.
+    pub tiles: usize,
+    /// Swaps that were passed over.
+    pub skipped: usize,
+}
+
+/// See the module's head.
+#[derive(Clone, Debug, Default)]
+pub struct Stitcher {
+    views: Vec<Placed>,
+    width: u32,
+    height: u32,
+    canvas: Vec<u8>,
+    boards: BTreeMap<BoardKey, Inbox>,
+    swaps: VecDeque<Swap>,
+}
+
+impl Stitcher {
+    /// A stitcher without views.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The views, side by side from the left. A change of sizes clears the canvas.
+    pub fn set_views(&mut self, views: &[View]) {
+        let mut x = 0;
+        let placed: Vec<_> = views
+            .iter()
+            .map(|view| {
+                let placed = Placed { x, width: view.width, height: view.height };
+                x += view.width;
+                placed
+            })
+            .collect();
+        if placed != self.views {
+            self.width = x;
+            self.height = placed.iter().map(|p| p.height).max().unwrap_or(0);
+            self.canvas = vec![0; self.width as usize * self.height as usize * 3];
+            self.views = placed;
+        }
+    }
+
+    /// Width and height of the stitched picture, pixels.
+    pub fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// The stitched picture: sRGB, 3 bytes a pixel, row-major.
+    pub fn canvas(&self) -> &[u8] {
+        &self.canvas
+    }
+
+    /// A board's link is up; whatever an earlier link of it brought is forgotten, for it sends all its tiles anew.
+    pub fn on_board(&mut self, key: BoardKey) {
+        self.boards.insert(key, Inbox::default());
+    }
+
+    /// A board's link is down. Returns the frames whose swap waits for it in vain.
+    pub fn on_lost(&mut self, key: BoardKey) -> Vec<FrameNumber> {
+        self.boards.remove(&key);
+        let (lost, kept) = std::mem::take(&mut self.swaps).into_iter().partition(|swap| swap.boards.contains(&key));
+        self.swaps = kept;
+        let lost: VecDeque<Swap> = lost;
+        lost.iter().map(|swap| swap.frame).collect()
+    }
+
+    /// Tiles from a board. `size` is the view's size as the board knows it.
+    ///
+    /// # Errors
+    /// [`CodecError`] when the payload is malformed: the board's fault, nothing is changed.
+    pub fn on_tiles(
+        &mut self,
+        key: BoardKey,
+        frame: FrameNumber,
+        epoch: Epoch,
+        view: ViewId,
+        count: u32,
+        size: (u32, u32),
+        payload: Bytes,
+    ) -> Result<(), CodecError> {
+        let (tiles, rgb) = split_tiles(&payload, count, size)?;
+        let placed = self.views.get(view.0 as usize);
+        if placed.is_none_or(|placed| (placed.width, placed.height) != size) {
+            // The view has changed meanwhile; the board sends all of it anew in its new size.
+            return Ok(());
+        }
+        let pixels_at = payload.len() - rgb.len();
+        if let Some(inbox) = self.boards.get_mut(&key) {
+            inbox.runs.push_back(Run { frame, epoch, view, tiles, payload, pixels_at });
+        }
+        Ok(())
+    }
+
+    /// A board has sent all tiles of a frame.
+    pub fn on_done(&mut self, key: BoardKey, frame: FrameNumber, epoch: Epoch) {
+        if let Some(inbox) = self.boards.get_mut(&key) {
+            inbox.done = Some((epoch, frame));
+        }
+    }
+
+    /// The backplane swaps a frame.
+    pub fn on_swap(&mut self, swap: Swap) {
+        if self.swaps.len() >= SWAPS_MAX {
+            self.swaps.pop_front();
+        }
+        self.swaps.push_back(swap);
+    }
+
+    /// Carries out the newest swap whose tiles are all there.
+    pub fn poll(&mut self) -> Option<Shown> {
+        let newest = (0..self.swaps.len()).rev().find(|i| self.is_satisfied(&self.swaps[*i]))?;
+        let swap = self.swaps.drain(..=newest).next_back()?;
+        // Later wirings overwrite earlier ones, within a wiring later frames overwrite earlier ones; boards of one
+        // wiring never share a tile.
+        let mut runs = Vec::new();
+        for inbox in self.boards.values_mut() {
+            inbox.runs.retain(|run| {
+                let is_complete = swap.complete.get(run.view.0 as usize).copied().unwrap_or(false);
+                if run.epoch < swap.epoch {
+                    return false;
+                }
+                let take = run.epoch == swap.epoch && run.frame <= swap.frame && is_complete;
+                if take {
+                    runs.push(run.clone());
+                }
+                !take
+            });
+        }
+        runs.sort_by_key(|run| run.frame);
+        let mut tiles = 0;
+        for run in &runs {
+            tiles += run.tiles.len();
+            self.lay(run);
+        }
+        Some(Shown { frame: swap.frame, preview: swap.preview, tiles, skipped: newest })
+    }
+
+    fn is_satisfied(&self, swap: &Swap) -> bool {
+        swap.boards.iter().all(|key| {
+            let done = self.boards.get(key).and_then(|inbox| inbox.done);
+            done.is_some_and(|(epoch, frame)| epoch == swap.epoch && frame >= swap.frame)
+        })
+    }
+
+    fn lay(&mut self, run: &Run) {
+        let Some(placed) = self.views.get(run.view.0 as usize).copied() else { return };
+        let mut pixels = &run.payload[run.pixels_at..];
+        for tile in &run.tiles {
+            let rect = tile.rect(placed.width, placed.height);
+            let row = rect.width() as usize * 3;
+            for y in rect.y0..rect.y1 {
+                let at = (y as usize * self.width as usize + (placed.x + rect.x0) as usize) * 3;
+                let (line, rest) = pixels.split_at(row);
+                self.canvas[at..at + row].copy_from_slice(line);
+                pixels = rest;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use proto::share::shares;
+    use proto::view::{Samples, Tangents};
+
+    const SIZE: (u32, u32) = (100, 70);
+
+    fn views(n: u32) -> Vec<View> {
+        View::row(n, SIZE.0, SIZE.1, Tangents::symmetric(45.0, SIZE.0, SIZE.1), Samples::One)
+    }
+
+    /// A board's tiles of one view in a frame, all pixels of the value `shade`.
+    fn payload(tiles: &[TileIndex], shade: u8) -> Bytes {
+        let mut bytes = Vec::new();
+        for tile in tiles {
+            bytes.extend_from_slice(&tile.x.to_le_bytes());
+            bytes.extend_from_slice(&tile.y.to_le_bytes());
+        }
+        let pixels: usize = tiles.iter().map(|t| t.rect(SIZE.0, SIZE.1).area()).sum();
+        bytes.resize(bytes.len() + pixels * 3, shade);
+        bytes.into()
+    }
+
+    fn swap(frame: u64, complete: &[bool], boards: &[u64]) -> Swap {
+        let boards = boards.iter().map(|k| BoardKey(*k)).collect();
+        Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: complete.to_vec(), boards, preview: false }
+    }
+
+    fn send(stitcher: &mut Stitcher, key: u64, frame: u64, boards: u32, views: u32) {
+        let id = proto::ids::BoardId(key as u32);
+        for share in shares(id, &vec![1; boards as usize], views) {
+            let tiles: Vec<_> = share.lattice.tiles(SIZE.0, SIZE.1).collect();
+            let bytes = payload(&tiles, frame as u8 + 1);
+            let (frame, count) = (FrameNumber(frame), tiles.len() as u32);
+            stitcher.on_tiles(BoardKey(key), frame, Epoch(1), share.view, count, SIZE, bytes).unwrap();
+        }
+        stitcher.on_done(BoardKey(key), FrameNumber(frame), Epoch(1));
+    }
+
+    fn stitcher(boards: u64, view_count: u32) -> Stitcher {
+        let mut stitcher = Stitcher::new();
+        stitcher.set_views(&views(view_count));
+        (0..boards).for_each(|k| stitcher.on_board(BoardKey(k)));
+        stitcher
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_order_tiles_come_in_the_picture_is_whole(
+            boards in 1u32..6, view_count in 1u32..4, order in Just((0..5u64).collect::<Vec<_>>()).prop_shuffle(),
+        ) {
+            let mut stitcher = stitcher(boards.into(), view_count);
+            let keys: Vec<u64> = (0..u64::from(boards)).collect();
+            stitcher.on_swap(swap(0, &vec![true; view_count as usize], &keys));
+            let mut shown = 0;
+            for key in order.into_iter().filter(|k| *k < u64::from(boards)) {
+                prop_assert_eq!(shown, 0, "not before the last board is done");
+                send(&mut stitcher, key, 0, boards, view_count);
+                shown += usize::from(stitcher.poll().is_some());
+            }
+            prop_assert_eq!(shown, 1);
+            prop_assert!(stitcher.canvas().iter().all(|v| *v == 1));
+        }
+    }
+
+    #[test]
+    fn tiles_of_the_next_frame_wait_for_its_swap() {
+        let mut stitcher = stitcher(2, 1);
+        stitcher.on_swap(swap(0, &[true], &[0, 1]));
+        send(&mut stitcher, 0, 0, 2, 1);
+        send(&mut stitcher, 0, 1, 2, 1);
+        send(&mut stitcher, 1, 0, 2, 1);
+        assert_eq!(stitcher.poll().map(|s| s.frame), Some(FrameNumber(0)));
+        assert!(stitcher.canvas().iter().all(|v| *v == 1), "nothing of frame 1 shows in frame 0");
+        stitcher.on_swap(swap(1, &[true], &[0, 1]));
+        assert_eq!(stitcher.poll(), None);
+        send(&mut stitcher, 1, 1, 2, 1);
+        assert!(stitcher.poll().is_some() && stitcher.canvas().iter().all(|v| *v == 2));
+    }
+
+    #[test]
+    fn an_incomplete_view_repeats_as_a_whole_and_catches_up_later() {
+        let mut stitcher = stitcher(2, 2);
+        stitcher.on_swap(swap(0, &[true, true], &[0, 1]));
+        send(&mut stitcher, 0, 0, 2, 2);
+        send(&mut stitcher, 1, 0, 2, 2);
+        stitcher.poll().unwrap();
+        send(&mut stitcher, 0, 1, 2, 2);
+        stitcher.on_swap(swap(1, &[true, false], &[0]));
+        stitcher.poll().unwrap();
+        let pixel = |s: &Stitcher, x: usize| s.canvas()[x * 3];
+        assert_eq!((pixel(&stitcher, 50), pixel(&stitcher, 150)), (2, 1));
+        send(&mut stitcher, 1, 1, 2, 2);
+        stitcher.on_done(BoardKey(0), FrameNumber(2), Epoch(1));
+        stitcher.on_done(BoardKey(1), FrameNumber(2), Epoch(1));
+        stitcher.on_swap(swap(2, &[true, true], &[0, 1]));
+        stitcher.poll().unwrap();
+        assert_eq!((pixel(&stitcher, 50), pixel(&stitcher, 150)), (2, 2), "the late tiles count for the next swap");
+    }
+
+    #[test]
+    fn a_swap_that_waits_for_a_lost_board_is_given_back() {
+        let mut stitcher = stitcher(2, 1);
+        stitcher.on_swap(swap(4, &[true], &[0, 1]));
+        send(&mut stitcher, 0, 4, 2, 1);
+        assert_eq!(stitcher.on_lost(BoardKey(1)), [FrameNumber(4)]);
+        assert_eq!(stitcher.poll(), None);
+    }
+
+    #[test]
+    fn tiles_outside_the_view_are_refused() {
+        let mut stitcher = stitcher(1, 1);
+        let tile = [TileIndex { x: 99, y: 0 }];
+        let result = stitcher.on_tiles(BoardKey(0), FrameNumber(0), Epoch(1), ViewId(0), 1, SIZE, payload(&tile, 0));
+        assert!(result.is_err());
+    }
+}
