@@ -13,8 +13,9 @@ use proto::scene::{Box3, Sphere};
 /// The ball round nothing.
 pub const NOTHING: Sphere = Sphere { centre: DVec3::ZERO, radius: -1.0 };
 
-/// Steps of the core-set walk. On pieces of real models 24 steps give radii 4 % above those of 500, and cost less than
-/// hashing the piece does.
+/// Steps of the core-set walk. On the pieces of four real models (a4-skyhawk, house, truck, odyssey) 24 steps give radii
+/// on average 0.4 to 0.6 % above those of 3000 (8 steps: 1.3 to 1.9 %, the box's centre: 3 to 9 %), and take 28 ns a
+/// vertex, about what hashing the piece takes.
 const STEPS: u32 = 24;
 
 /// What a radius is multiplied by so that rounding in a later sum of squares can't put a point outside.
@@ -70,10 +71,12 @@ pub fn ball_of_balls<'a>(balls: impl Iterator<Item = &'a Sphere> + Clone) -> Sph
 /// The box round all of `points`; `None` for none.
 pub fn box_of_points(points: &[DVec3]) -> Option<Box3> {
     let (&first, rest) = points.split_first()?;
-    Some(rest.iter().fold(Box3 { min: first, max: first }, |sum, &point| Box3 {
-        min: sum.min.min(point),
-        max: sum.max.max(point),
-    }))
+    Some(
+        rest.iter().fold(Box3 { min: first, max: first }, |sum, &point| Box3 {
+            min: sum.min.min(point),
+            max: sum.max.max(point),
+        }),
+    )
 }
 
 /// The box round two boxes.
@@ -93,8 +96,8 @@ pub fn box_moved(map: &DAffine3, bounds: Box3) -> Box3 {
 /// At most how many times as long `map` makes a distance: exact for a rotation and a scale along the mesh's axes, an
 /// upper bound for shears.
 ///
-/// The square of the wanted number is the largest eigenvalue of MᵀM, and no eigenvalue exceeds the largest row sum of
-/// absolute values (Gershgorin); without shear MᵀM is diagonal and the bound is the eigenvalue.
+/// The square of the wanted number is the largest eigenvalue of G = `MᵀM`, and no eigenvalue exceeds the largest row sum
+/// of absolute values (Gershgorin); without shear G is diagonal and the bound is the eigenvalue.
 pub fn stretch(map: &DAffine3) -> f64 {
     let m = map.matrix3;
     let (xy, yz, zx) = (m.x_axis.dot(m.y_axis).abs(), m.y_axis.dot(m.z_axis).abs(), m.z_axis.dot(m.x_axis).abs());

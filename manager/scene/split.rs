@@ -20,7 +20,10 @@ use std::ops::Range;
 
 /// Most triangles of a piece.
 pub const TRIANGLES_PER_PIECE: usize = 1024;
-const _: () = assert!(TRIANGLES_PER_PIECE <= limits::TRIANGLES_PER_SUBOBJECT_MAX);
+const _: () = assert!(
+    TRIANGLES_PER_PIECE <= limits::TRIANGLES_PER_SUBOBJECT_MAX,
+    "boards refuse a subobject of more triangles than the limit"
+);
 
 /// A mesh primitive as the file has it. Every attribute is empty or has as many elements as there are positions, every
 /// index is less than that, and every position is finite.
@@ -236,11 +239,8 @@ mod tests {
 
     #[test]
     fn a_million_triangles_in_one_point_are_split_all_the_same() {
-        let primitive = Primitive {
-            positions: vec![[1.0, 2.0, 3.0]],
-            triangles: vec![[0; 3]; 10_000],
-            ..Primitive::default()
-        };
+        let primitive =
+            Primitive { positions: vec![[1.0, 2.0, 3.0]], triangles: vec![[0; 3]; 10_000], ..Primitive::default() };
         assert_eq!(check(&primitive).len(), 10);
     }
 

@@ -51,22 +51,43 @@ fn fractal(seed: u64, u: f64, v: f64, cells: i64, octaves: u32) -> f64 {
     sum
 }
 
+/// Distance to the nearest of scattered points, one in each of `cells` × `cells` squares, in squares (Worley 1996).
+fn scattered(seed: u64, u: f64, v: f64, cells: i64) -> f64 {
+    let (x, y) = (u * cells as f64, v * cells as f64);
+    let (i, j) = (libm::floor(x) as i64, libm::floor(y) as i64);
+    let mut nearest = f64::INFINITY;
+    for (i, j) in (-1..=1).flat_map(|dj| (-1..=1).map(move |di| (i + di, j + dj))) {
+        let at = |salt| hash(seed + salt, i.rem_euclid(cells), j.rem_euclid(cells));
+        let (dx, dy) = (i as f64 + at(0) - x, j as f64 + at(1) - y);
+        nearest = nearest.min(dx * dx + dy * dy);
+    }
+    nearest.sqrt()
+}
+
 /// Meadow: 40 m wide.
 pub(crate) fn grass() -> Picture {
-    grey(256, |u, v| 0.8 + 0.13 * fractal(11, u, v, 6, 5))
+    grey(256, |u, v| 0.8 + 0.07 * fractal(11, u, v, 9, 3) + 0.11 * fractal(13, u, v, 48, 2))
 }
 
 /// Crops in rows along v: 24 m wide, 8 rows.
 pub(crate) fn rows() -> Picture {
     grey(128, |u, v| {
         let row = libm::cos(u * 8.0 * std::f64::consts::TAU);
-        0.8 + 0.09 * row + 0.1 * fractal(23, u, v, 8, 4)
+        0.8 + 0.06 * row + 0.1 * fractal(23, u, v, 12, 4)
     })
 }
 
-/// Leaves of trees and woods: 12 m wide.
+/// Leaves of trees and hedges: 12 m wide.
 pub(crate) fn leaves() -> Picture {
     grey(128, |u, v| 0.68 + 0.3 * fractal(31, u, v, 8, 4))
+}
+
+/// Tree tops seen from above, lit in the middle and dark between: 10 × 10 of them, 64 m wide.
+pub(crate) fn tree_tops() -> Picture {
+    grey(256, |u, v| {
+        let gap = smoothstep(0.1, 0.85, scattered(33, u, v, 10));
+        0.98 - 0.62 * gap + 0.16 * fractal(37, u, v, 24, 3)
+    })
 }
 
 /// Asphalt: 12 m wide.
@@ -78,10 +99,10 @@ pub(crate) fn asphalt() -> Picture {
 pub(crate) fn slabs() -> Picture {
     grey(256, |u, v| {
         let (x, y) = (u * 4.0, v * 4.0);
-        let joint = [x, y].iter().any(|t| (t - libm::round(*t)).abs() < 0.012);
+        let joint = [x, y].iter().any(|t| (t - libm::round(*t)).abs() < 0.01);
         let slab = hash(51, libm::floor(x) as i64, libm::floor(y) as i64);
         let stain = 0.05 * fractal(53, u, v, 5, 5);
-        if joint { 0.5 } else { 0.82 + 0.1 * slab + stain }
+        if joint { 0.64 } else { 0.82 + 0.1 * slab + stain }
     })
 }
 
@@ -189,7 +210,7 @@ pub(crate) fn cloud(seed: u64) -> Picture {
         let base = 1.0 - smoothstep(0.64 + fray, 0.76 + fray, v);
         let edge = smoothstep(0.0, 0.06, u) * smoothstep(0.0, 0.06, 1.0 - u) * smoothstep(0.0, 0.05, v);
         let alpha = smoothstep(0.02, 0.55, density) * base * edge * 0.92;
-        let white = 0.70 + 0.3 * light.clamp(0.0, 1.0) - 0.12 * smoothstep(0.35, 0.75, v);
+        let white = 0.62 + 0.38 * light.clamp(0.0, 1.0) - 0.20 * smoothstep(0.35, 0.75, v);
         [white * 0.98, white * 0.99, white * 1.02, alpha]
     })
 }
@@ -200,7 +221,7 @@ mod tests {
 
     #[test]
     fn detail_textures_repeat_without_a_seam() {
-        for (name, picture) in [("grass", grass()), ("leaves", leaves()), ("asphalt", asphalt())] {
+        for (name, picture) in [("grass", grass()), ("leaves", leaves()), ("tree tops", tree_tops()), ("asphalt", asphalt())] {
             let (w, h) = (picture.width as usize, picture.height as usize);
             let mean = |pairs: &mut dyn Iterator<Item = (usize, usize)>| {
                 let steps: Vec<f64> = pairs

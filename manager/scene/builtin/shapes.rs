@@ -339,6 +339,15 @@ impl Shape {
         self
     }
 
+    /// Texture coordinates by the position and the coordinate there was.
+    #[must_use]
+    pub(crate) fn remapped(mut self, texcoord: impl Fn(DVec3, DVec2) -> DVec2) -> Self {
+        for (t, &p) in self.texcoords.iter_mut().zip(&self.positions) {
+            *t = texcoord(p, *t);
+        }
+        self
+    }
+
     /// Texture coordinates multiplied.
     #[must_use]
     pub(crate) fn tiled(mut self, by: DVec2) -> Self {

@@ -22,23 +22,22 @@ pub(super) const ROAD_EAST: f64 = 720.0;
 pub(super) const ROAD_SOUTH: f64 = 680.0;
 const ROAD_HALF: f64 = 4.0;
 /// The lake: middle and radius of its basin, m.
-pub(super) const LAKE: DVec2 = dvec2(-690.0, 455.0);
+pub(super) const LAKE: DVec2 = dvec2(-740.0, 425.0);
 /// See [`LAKE`].
-pub(super) const LAKE_RADIUS: f64 = 200.0;
+pub(super) const LAKE_RADIUS: f64 = 178.0;
 /// The lake's level, m.
 pub(super) const LAKE_LEVEL: f64 = -11.0;
-/// Where the village is, m.
-pub(super) const VILLAGE: DVec2 = dvec2(ROAD_EAST + 40.0, ROAD_SOUTH);
-/// Radius of the ground that is kept free of woods for it, m.
-pub(super) const VILLAGE_RADIUS: f64 = 330.0;
+/// The village and the hamlet: middle and radius of the ground that is kept for them, m.
+pub(super) const VILLAGES: [(DVec2, f64); 2] =
+    [(dvec2(-270.0, ROAD_SOUTH), 250.0), (dvec2(ROAD_EAST, ROAD_SOUTH), 190.0)];
 
 const SEED: u64 = 1983;
 const HAZE: DVec3 = dvec3(0.66, 0.77, 0.88);
 
 /// Lines of the net between given places: (from, to, number of cells).
 const LINES_X: [(f64, f64, u32); 11] = [
-    (-4600.0, -2600.0, 11),
-    (-2600.0, -1300.0, 11),
+    (-4600.0, -2600.0, 8),
+    (-2600.0, -1300.0, 8),
     (-1300.0, ROAD_WEST - ROAD_HALF, 3),
     (ROAD_WEST - ROAD_HALF, ROAD_WEST + ROAD_HALF, 1),
     (ROAD_WEST + ROAD_HALF, -560.0, 5),
@@ -46,18 +45,18 @@ const LINES_X: [(f64, f64, u32); 11] = [
     (380.0, ROAD_EAST - ROAD_HALF, 4),
     (ROAD_EAST - ROAD_HALF, ROAD_EAST + ROAD_HALF, 1),
     (ROAD_EAST + ROAD_HALF, 1500.0, 9),
-    (1500.0, 2600.0, 9),
-    (2600.0, 4600.0, 12),
+    (1500.0, 2600.0, 7),
+    (2600.0, 4600.0, 8),
 ];
 const LINES_Z: [(f64, f64, u32); 9] = [
-    (-7000.0, -4500.0, 12),
-    (-4500.0, -2700.0, 14),
-    (-2700.0, 200.0, 28),
+    (-7000.0, -4500.0, 8),
+    (-4500.0, -2700.0, 10),
+    (-2700.0, 200.0, 26),
     (200.0, ROAD_SOUTH - ROAD_HALF, 5),
     (ROAD_SOUTH - ROAD_HALF, ROAD_SOUTH + ROAD_HALF, 1),
     (ROAD_SOUTH + ROAD_HALF, 1700.0, 12),
-    (1700.0, 2600.0, 8),
-    (2600.0, 3300.0, 5),
+    (1700.0, 2600.0, 7),
+    (2600.0, 3300.0, 4),
     (3300.0, 3900.0, 3),
 ];
 
@@ -99,6 +98,25 @@ fn warp(p: DVec2) -> DVec2 {
 pub(super) fn ground(net: DVec2) -> DVec3 {
     let p = warp(net);
     dvec3(p.x, height(p.x, p.y), p.y)
+}
+
+/// Whether a point lies in a village.
+pub(super) fn in_village(p: DVec2) -> bool {
+    VILLAGES.iter().any(|(middle, radius)| p.distance(*middle) < *radius)
+}
+
+/// Whether a point lies in the lake or on its bank.
+pub(super) fn at_lake(p: DVec3) -> bool {
+    dvec2(p.x, p.z).distance(LAKE) < LAKE_RADIUS * 1.25
+}
+
+/// Whether a point lies on a road or its verge.
+pub(super) fn on_road(p: DVec3) -> bool {
+    // The warp is gentle enough to be undone by a few rounds of taking it away.
+    let place = dvec2(p.x, p.z);
+    let net = (0..4).fold(place, |net, _| place - (warp(net) - net));
+    let verge = ROAD_HALF + 4.0;
+    (net.x - ROAD_WEST).abs() < verge || (net.x - ROAD_EAST).abs() < verge || (net.y - ROAD_SOUTH).abs() < verge
 }
 
 fn normal(x: f64, z: f64, step: f64) -> DVec3 {
@@ -202,9 +220,9 @@ impl Land {
         let wooded = noise(SEED + 12, place.x / 1300.0, place.y / 1300.0, None) > 0.08;
         let near = outside_airfield(place.x, place.y) < 130.0
             || (place.x.abs() < 330.0 && (200.0..1500.0).contains(&place.y))
-            || place.distance(VILLAGE) < VILLAGE_RADIUS
+            || in_village(place)
             || place.distance(LAKE) < LAKE_RADIUS + 90.0;
-        let wood = !near && random.chance(if wooded { 0.42 } else { 0.05 });
+        let wood = !near && random.chance(if wooded { 0.38 } else { 0.04 });
         let (usage, color) = if road {
             (Use::Road, dvec3(0.17, 0.17, 0.175))
         } else if airfield {
@@ -212,7 +230,9 @@ impl Land {
         } else if wood {
             (Use::Wood, dvec3(0.055, 0.105, 0.032))
         } else {
-            let (usage, color) = match random.index(16) {
+            // Village gardens are green.
+            let choice = if in_village(place) { 10 } else { random.index(16) };
+            let (usage, color) = match choice {
                 0..=2 => (Use::Crop, dvec3(0.47, 0.35, 0.125)), // ripe wheat
                 3..=4 => (Use::Crop, dvec3(0.36, 0.33, 0.11)),  // barley, still turning
                 5..=6 => (Use::Crop, dvec3(0.125, 0.215, 0.05)), // maize
@@ -275,90 +295,74 @@ impl Land {
         let (s, c) = libm::sincos(field.direction);
         Shape::grid(field.columns.len() as u32, field.rows.len() as u32, |i, j| {
             let p = self.corner(field.columns.start + i as usize, field.rows.start + j as usize);
-            let mottle = match field.usage {
-                Use::Road => 0.0,
-                Use::Airfield => 0.35 * noise(SEED + 15, p.x / 170.0, p.z / 170.0, None),
-                _ => 0.16 * noise(SEED + 14, p.x / 210.0, p.z / 210.0, None),
+            let patch = noise(SEED + 14, p.x / 190.0, p.z / 190.0, None);
+            let color = match field.usage {
+                Use::Road => field.color,
+                // Dry and lush patches of an old lawn.
+                Use::Airfield => field.color.lerp(dvec3(0.27, 0.27, 0.10), smoothstep(-0.6, 1.0, patch) * 0.75),
+                // Reeds round the lake, whatever the field.
+                _ => (field.color * (1.0 + 0.16 * patch)).lerp(
+                    dvec3(0.14, 0.20, 0.06),
+                    smoothstep(1.5, 1.15, dvec2(p.x, p.z).distance(LAKE) / LAKE_RADIUS),
+                ),
             };
             let texcoord = dvec2(p.x * c + p.z * s, p.z * c - p.x * s) / texture_m;
-            Vertex { color: hazed(field.color * (1.0 + mottle), p), texcoord, ..Vertex::new(p, normal(p.x, p.z, 30.0)) }
+            Vertex { color: hazed(color, p), texcoord, ..Vertex::new(p, normal(p.x, p.z, 30.0)) }
         })
     }
 
-    /// The roof of leaves over a wood, and its sides down to the ground.
+    /// The roof of tree tops over a wood, and its sides down to the ground. Near the airport it has four faces where
+    /// the ground below would have one.
     pub(super) fn canopy(&self, field: &Field) -> Shape {
-        let (nx, nz) = (field.columns.len() as u32 * 2, field.rows.len() as u32 * 2);
-        let between = |lines: &[f64], start: usize, i: u32| {
-            let k = start + (i / 2) as usize;
-            if i % 2 == 0 { lines[k] } else { (lines[k] + lines[k + 1]) / 2.0 }
+        let parts = if self.centre(field).length() < 1900.0 { 2 } else { 1 };
+        let (nx, nz) = (field.columns.len() as u32 * parts, field.rows.len() as u32 * parts);
+        let line = |lines: &[f64], start: usize, i: u32| {
+            let (k, rest) = (start + (i / parts) as usize, i % parts);
+            if rest == 0 { lines[k] } else { (lines[k] + lines[k + 1]) / 2.0 }
         };
-        let tops = |p: DVec3| {
-            let bump = hash(SEED + 16, libm::round(p.x * 8.0) as i64, libm::round(p.z * 8.0) as i64);
-            p.y + 8.0 + 7.0 * bump
+        let foot = |i: u32, j: u32| {
+            ground(dvec2(line(&self.lines_x, field.columns.start, i), line(&self.lines_z, field.rows.start, j)))
         };
-        let leafy = |p: DVec3, normal: DVec3, light: f64| {
-            let texcoord = dvec2(p.x + p.y, p.z + p.y) / 12.0;
-            Vertex { color: hazed(field.color * light, p), texcoord, ..Vertex::new(p, normal) }
-        };
-        let mut roof = Shape::grid(nx, nz, |i, j| {
-            let net = dvec2(between(&self.lines_x, field.columns.start, i), between(&self.lines_z, field.rows.start, j));
-            let p = ground(net);
-            let top = dvec3(p.x, tops(p), p.z);
-            // Bumps that the net is too coarse for still tip the light.
+        let rise = |p: DVec3| 8.0 + 8.0 * hash(SEED + 16, libm::round(p.x * 8.0) as i64, libm::round(p.z * 8.0) as i64);
+        let mut canopy = Shape::grid(nx, nz, |i, j| {
+            let p = foot(i, j);
+            let up = rise(p);
+            // Tree tops are rougher than the net: the light is tipped at random.
             let tip = |salt| hash(SEED + salt, i64::from(i), i64::from(j)) - 0.5;
-            let slope = (normal(p.x, p.z, 30.0) + dvec3(tip(17), 0.0, tip(18)) * 0.9).normalize();
-            leafy(top, slope, 0.85 + 0.45 * (top.y - p.y - 8.0) / 7.0)
+            let slope = normal(p.x, p.z, 30.0) + dvec3(tip(17), 0.0, tip(18)) * 0.8;
+            let top = p + DVec3::Y * up;
+            let color = hazed(field.color * (0.95 + 0.5 * (up - 8.0) / 8.0), p);
+            Vertex { color, texcoord: dvec2(p.x, p.z) / 64.0, ..Vertex::new(top, slope.normalize()) }
         });
-        let outline = self.outline(field);
-        for (k, &a) in outline.iter().enumerate() {
-            let b = outline[(k + 1) % outline.len()];
-            let out = dvec3(a.z - b.z, 0.0, b.x - a.x).normalize();
-            // The roof has a corner in the middle of each cell's edge; the wall must have it too. Warping is smooth, but not
-            // linear, hence the net's own middle rather than the middle of a and b.
-            let m = self.edge_middle(field, k);
-            for (p, q) in [(a, m), (m, b)] {
-                let wall = [dvec3(p.x, p.y - 2.0, p.z), dvec3(q.x, q.y - 2.0, q.z), dvec3(q.x, tops(q), q.z), dvec3(p.x, tops(p), p.z)];
-                let corners: Vec<u32> = wall
-                    .iter()
-                    .enumerate()
-                    .map(|(n, &v)| {
-                        let texcoord = dvec2(v.x + v.z, v.y * 1.4) / 12.0;
-                        roof.vertex(Vertex { texcoord, ..leafy(v, (out + DVec3::Y * 0.5).normalize(), if n < 2 { 0.45 } else { 0.95 }) })
-                    })
-                    .collect();
-                roof.triangle(corners[0], corners[1], corners[2]);
-                roof.triangle(corners[0], corners[2], corners[3]);
-            }
+        // The sides go once round, counter-clockwise seen from above.
+        let south = (0..nx).map(|i| (i, nz));
+        let east = (1..=nz).rev().map(|j| (nx, j));
+        let north = (1..=nx).rev().map(|i| (i, 0));
+        let west = (0..nz).map(|j| (0, j));
+        let round: Vec<DVec3> = south.chain(east).chain(north).chain(west).map(|(i, j)| foot(i, j)).collect();
+        for (k, &a) in round.iter().enumerate() {
+            let b = round[(k + 1) % round.len()];
+            let out = (dvec3(a.z - b.z, 0.0, b.x - a.x).normalize() + DVec3::Y * 0.5).normalize();
+            let corners = [(a, -2.0), (b, -2.0), (b, rise(b)), (a, rise(a))].map(|(p, up)| {
+                let light = if up < 0.0 { 0.5 } else { 1.05 };
+                let texcoord = dvec2(p.x + p.z, up * 1.6) / 64.0;
+                canopy.vertex(Vertex { color: hazed(field.color * light, p), texcoord, ..Vertex::new(p + DVec3::Y * up, out) })
+            });
+            canopy.triangle(corners[0], corners[1], corners[2]);
+            canopy.triangle(corners[0], corners[2], corners[3]);
         }
-        roof
+        canopy
     }
 
-    /// The middle of the k-th edge of a field's outline, by the same arithmetic as the canopy's roof.
-    fn edge_middle(&self, field: &Field, k: usize) -> DVec3 {
-        let (w, d) = (field.columns.len(), field.rows.len());
-        let (c, r) = (&field.columns, &field.rows);
-        let mid = |lines: &[f64], i: usize| (lines[i] + lines[i + 1]) / 2.0;
-        let net = if k < w {
-            dvec2(mid(&self.lines_x, c.start + k), self.lines_z[r.end])
-        } else if k < w + d {
-            dvec2(self.lines_x[c.end], mid(&self.lines_z, r.end - 1 - (k - w)))
-        } else if k < 2 * w + d {
-            dvec2(mid(&self.lines_x, c.end - 1 - (k - w - d)), self.lines_z[r.start])
-        } else {
-            dvec2(self.lines_x[c.start], mid(&self.lines_z, r.start + (k - 2 * w - d)))
-        };
-        ground(net)
-    }
-
-    /// The corners of the road in the east from north to south, for what drives on it.
-    pub(super) fn road_east(&self) -> Vec<DVec3> {
-        let column = self.lines_x.iter().position(|&x| x == ROAD_EAST - ROAD_HALF).expect("the road is a column of the net");
-        (0..self.lines_z.len()).map(|j| (self.corner(column, j) + self.corner(column + 1, j)) / 2.0).collect()
+    /// The middle of the road in the south from west to east, for what drives on it.
+    pub(super) fn road_south(&self) -> Vec<DVec3> {
+        let row = self.lines_z.iter().position(|&z| z == ROAD_SOUTH - ROAD_HALF).expect("the road is a row of the net");
+        (0..self.lines_x.len()).map(|i| (self.corner(i, row) + self.corner(i, row + 1)) / 2.0).collect()
     }
 
     /// The coarse rings from the net's border to the horizon.
     pub(super) fn horizon(&self) -> Shape {
-        const RINGS: usize = 13;
+        const RINGS: usize = 10;
         let (nx, nz) = (self.lines_x.len() - 1, self.lines_z.len() - 1);
         let whole = Field { columns: 0..nx, rows: 0..nz, usage: Use::Meadow, color: DVec3::ONE, direction: 0.0 };
         let border = self.outline(&whole);

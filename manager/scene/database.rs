@@ -1,0 +1,506 @@
+//! The scene as the manager holds it.
+//!
+//! Nodes lie in depth-first order, the order in which a reader of the file meets them: a node's subtree is a range of
+//! indices that begins with the node, and since objects and subobjects are numbered on the same walk, it owns a range of
+//! those too. That order is also the *file order* by which coinciding faces are told apart, so it is part of the picture.
+//!
+//! A *shape* is a mesh of the file after splitting: several objects may show one shape. Shapes keep what culling asks
+//! (bounds) and the name of the geometry; the geometry itself is in [`Scene::meshes`], by content.
+
+use super::bounds;
+use super::bvh::Bvh;
+use glam::{DAffine3, DMat3, DQuat};
+use proto::codec::{encode_mesh, encode_texture};
+use proto::ids::{ContentId, ObjectId, SubobjectId};
+use proto::limits;
+use proto::scene::{Box3, Material, Mesh, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// Index into [`Scene::nodes`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeIndex(pub u32);
+
+/// Index into [`Scene::shapes`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ShapeIndex(pub u32);
+
+/// A node of the tree. An instance of `EXT_mesh_gpu_instancing` is a node too, a child of the one that carries the
+/// extension.
+#[derive(Clone, Debug)]
+pub struct Node {
+    /// The name in the file, empty if it has none; not necessarily the only one of that name.
+    pub name: String,
+    /// The node above; `None` for a root.
+    pub parent: Option<NodeIndex>,
+    /// One past the last node below this one.
+    pub end: u32,
+    /// This node's space → its parent's.
+    pub local: DAffine3,
+    /// This node's space → world, as the file has it.
+    pub world: DAffine3,
+    /// The rotations from the root down to here, one after another: the orientation that a pose replaces.
+    pub orientation: DQuat,
+    /// The object that this node is, if it carries a mesh.
+    pub object: Option<ObjectId>,
+    /// The objects from here down.
+    pub objects: Range<u32>,
+    /// Encloses all of them where the file puts them, world; negative radius if there is none.
+    pub sphere: Sphere,
+}
+
+impl Node {
+    /// What is left of the world transformation when position and orientation are taken out: the scale that an entity
+    /// keeps when a pose moves it (with shears, if scales above it turned into such).
+    pub fn own_scale(&self) -> DMat3 {
+        DMat3::from_quat(self.orientation.conjugate()) * self.world.matrix3
+    }
+}
+
+/// A node that carries a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Object {
+    /// Which node.
+    pub node: NodeIndex,
+    /// Which mesh.
+    pub shape: ShapeIndex,
+    /// Its first subobject; it has as many as the shape has pieces, one after the other.
+    pub first_subobject: SubobjectId,
+    /// Encloses it where the file puts it, world.
+    pub sphere: Sphere,
+}
+
+/// A mesh of the file, cut into pieces.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// The mesh's name in the file, or empty.
+    pub name: String,
+    /// In the order of the file's primitives, then as [`super::split`] cut them. At least one.
+    pub pieces: Vec<Piece>,
+    /// Encloses all pieces; mesh space.
+    pub sphere: Sphere,
+    /// Encloses all pieces; mesh space.
+    pub bounds: Box3,
+    /// Over the pieces; mesh space.
+    pub tree: Bvh,
+}
+
+/// What the manager keeps at hand of a piece of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Piece {
+    /// The geometry.
+    pub mesh: ContentId,
+    /// Encloses it; mesh space.
+    pub sphere: Sphere,
+    /// Encloses it; mesh space.
+    pub bounds: Box3,
+    /// Number of triangles.
+    pub triangles: u32,
+    /// Number of vertices.
+    pub vertices: u32,
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+}
+
+/// A material of the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaterialEntry {
+    /// Its name in the file, or empty.
+    pub name: String,
+    /// What it looks like.
+    pub material: Material,
+}
+
+/// A world. Made by [`Scene::assemble`]; the fields are open to be read.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Scene {
+    /// The file's or built-in scene's name.
+    pub name: String,
+    /// Depth-first.
+    pub nodes: Vec<Node>,
+    /// The nodes without a parent, in order.
+    pub roots: Vec<NodeIndex>,
+    /// By [`ObjectId`]; in the order of their nodes.
+    pub objects: Vec<Object>,
+    /// Meshes of the file that an object shows, in order of first use.
+    pub shapes: Vec<Shape>,
+    /// Materials of the file that a piece has, in order of first use.
+    pub materials: Vec<MaterialEntry>,
+    /// All geometry, by content.
+    pub meshes: BTreeMap<ContentId, Arc<Mesh>>,
+    /// All textures, by content.
+    pub textures: BTreeMap<ContentId, Arc<Texture>>,
+    /// What boards are sent: where objects are, and which subobjects they have.
+    pub table: SceneTable,
+    /// By [`SubobjectId`]: encloses it where the file puts it, world.
+    pub subobject_spheres: Vec<Sphere>,
+    /// Over [`Scene::objects`], where the file puts them.
+    pub tree: Bvh,
+    /// Encloses everything, world; negative radius for an empty scene.
+    pub sphere: Sphere,
+    /// Encloses everything, world; `None` for an empty scene.
+    pub bounds: Option<Box3>,
+    /// What the importer had to leave out or mend, one sentence each.
+    pub warnings: Vec<String>,
+    /// Named nodes, by name, then in order.
+    names: Vec<NodeIndex>,
+}
+
+/// A node as an importer hands it over.
+#[derive(Clone, Debug)]
+pub struct NodeSource {
+    /// Name, or empty.
+    pub name: String,
+    /// Index of the parent in the same list; smaller than the node's own, so that the list is depth-first.
+    pub parent: Option<u32>,
+    /// This node's space → its parent's.
+    pub local: DAffine3,
+    /// The rotation in it, a unit quaternion.
+    pub rotation: DQuat,
+    /// What the node shows.
+    pub shape: Option<ShapeIndex>,
+}
+
+/// What a scene is made of.
+#[derive(Clone, Debug, Default)]
+pub struct Parts {
+    /// Name of the scene.
+    pub name: String,
+    /// All nodes, depth-first: each follows its parent or one of its parent's descendants.
+    pub nodes: Vec<NodeSource>,
+    /// Shapes, as [`Parts::add_shape`] numbered them.
+    pub shapes: Vec<Shape>,
+    /// Materials, as [`Parts::add_shape`] was told.
+    pub materials: Vec<MaterialEntry>,
+    /// Geometry, by content.
+    pub meshes: BTreeMap<ContentId, Arc<Mesh>>,
+    /// Textures, by content.
+    pub textures: BTreeMap<ContentId, Arc<Texture>>,
+    /// Warnings.
+    pub warnings: Vec<String>,
+}
+
+/// Why parts don't make a scene. The file's fault.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum AssembleError {
+    /// A node's transformation, or what it places, is beyond the numbers' range.
+    #[error(
+        "{node} lies beyond the range of numbers (|coordinate| < {limit:e} m); check its transformation and those above it"
+    )]
+    OutOfRange {
+        /// The node, `node "name"` or `node 12`.
+        node: String,
+        /// Largest usable coordinate.
+        limit: f64,
+    },
+    /// Too much of something.
+    #[error("{count} {what}, at most {limit} are possible; split the scene")]
+    TooMany {
+        /// Objects or subobjects.
+        what: &'static str,
+        /// How many there would be.
+        count: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+}
+
+/// Largest world coordinate, m. Far beyond the universe, yet its sixth power is still a number, so that no culling
+/// formula can overflow.
+pub const COORDINATE_MAX: f64 = 1e40;
+
+impl Parts {
+    /// Stores `texture` and returns its name.
+    pub fn add_texture(&mut self, texture: Texture) -> ContentId {
+        let id = ContentId::of(&encode_texture(&texture));
+        self.textures.entry(id).or_insert_with(|| Arc::new(texture));
+        id
+    }
+
+    /// Stores a mesh of the file that was cut into `pieces`, each with the index of its material; `None` if there are
+    /// none.
+    pub fn add_shape(&mut self, name: &str, pieces: Vec<(Mesh, u32)>) -> Option<ShapeIndex> {
+        let named: Vec<(ContentId, Mesh, u32)> = pieces
+            .into_par_iter()
+            .map(|(mesh, material)| (ContentId::of(&encode_mesh(&mesh)), mesh, material))
+            .collect();
+        let rows: Vec<Piece> = named
+            .iter()
+            .map(|(id, mesh, material)| Piece {
+                mesh: *id,
+                sphere: mesh.sphere,
+                bounds: mesh.bounds,
+                triangles: mesh.triangles.len() as u32,
+                vertices: mesh.positions.len() as u32,
+                material: *material,
+            })
+            .collect();
+        let around = rows.iter().map(|piece| piece.bounds).reduce(bounds::box_union)?;
+        let spheres: Vec<Sphere> = rows.iter().map(|piece| piece.sphere).collect();
+        for (id, mesh, _) in named {
+            self.meshes.entry(id).or_insert_with(|| Arc::new(mesh));
+        }
+        self.shapes.push(Shape {
+            name: name.to_owned(),
+            pieces: rows,
+            sphere: bounds::ball_of_balls(spheres.iter()),
+            bounds: around,
+            tree: Bvh::build(&spheres),
+        });
+        Some(ShapeIndex(self.shapes.len() as u32 - 1))
+    }
+}
+
+impl Scene {
+    /// Puts the parts together: numbers objects and subobjects, carries transformations down the tree, bounds
+    /// everything.
+    ///
+    /// # Errors
+    /// [`AssembleError`] when something is too far away or too many.
+    ///
+    /// # Panics
+    /// If the nodes are not in depth-first order: the importer's own mistake.
+    pub fn assemble(parts: Parts) -> Result<Self, AssembleError> {
+        let Parts { name, nodes: sources, shapes, materials, meshes, textures, warnings } = parts;
+        check_counts(&sources, &shapes)?;
+        let mut nodes: Vec<Node> = Vec::with_capacity(sources.len());
+        let mut objects: Vec<Object> = Vec::new();
+        let mut table = SceneTable::default();
+        let mut subobject_spheres = Vec::new();
+        let mut bounds_all: Option<Box3> = None;
+
+        for (index, source) in sources.into_iter().enumerate() {
+            let parent = source.parent.map(|parent| &nodes[parent as usize]);
+            let world = parent.map_or(source.local, |parent| parent.world * source.local);
+            let orientation =
+                parent.map_or(source.rotation, |parent| (parent.orientation * source.rotation).normalize());
+            let first_object = objects.len() as u32;
+            let mut sphere = bounds::NOTHING;
+            let mut object = None;
+            if let Some(shape_index) = source.shape {
+                let shape = &shapes[shape_index.0 as usize];
+                let id = ObjectId(first_object);
+                let stretch = bounds::stretch(&world);
+                sphere = bounds::ball_moved_by(&world, stretch, shape.sphere);
+                let own = bounds::box_moved(&world, shape.bounds);
+                objects.push(Object {
+                    node: NodeIndex(index as u32),
+                    shape: shape_index,
+                    first_subobject: SubobjectId(table.subobjects.len() as u32),
+                    sphere,
+                });
+                table.objects.push(ObjectRow { transform: world });
+                for piece in &shape.pieces {
+                    table.subobjects.push(SubobjectRow { object: id, mesh: piece.mesh });
+                    subobject_spheres.push(bounds::ball_moved_by(&world, stretch, piece.sphere));
+                }
+                bounds_all = Some(bounds_all.map_or(own, |sum| bounds::box_union(sum, own)));
+                object = Some(id);
+            }
+            let usable = |number: f64| number < COORDINATE_MAX; // which NaN is not
+            let reach = sphere.centre.abs().max_element() + sphere.radius.abs();
+            if !(world.is_finite() && usable(world.translation.abs().max_element()) && usable(reach)) {
+                return Err(AssembleError::OutOfRange { node: node_label(&source.name, index), limit: COORDINATE_MAX });
+            }
+            nodes.push(Node {
+                name: source.name,
+                parent: source.parent.map(NodeIndex),
+                end: index as u32 + 1,
+                local: source.local,
+                world,
+                orientation,
+                object,
+                objects: first_object..objects.len() as u32,
+                sphere,
+            });
+        }
+        close_subtrees(&mut nodes);
+
+        let spheres: Vec<Sphere> = objects.iter().map(|object| object.sphere).collect();
+        let mut names: Vec<NodeIndex> =
+            (0..nodes.len() as u32).map(NodeIndex).filter(|node| !nodes[node.0 as usize].name.is_empty()).collect();
+        names.sort_by(|a, b| nodes[a.0 as usize].name.cmp(&nodes[b.0 as usize].name).then(a.cmp(b)));
+        Ok(Self {
+            name,
+            roots: (0..nodes.len() as u32)
+                .map(NodeIndex)
+                .filter(|node| nodes[node.0 as usize].parent.is_none())
+                .collect(),
+            tree: Bvh::build(&spheres),
+            sphere: bounds::ball_of_balls(spheres.iter()),
+            nodes,
+            objects,
+            shapes,
+            materials,
+            meshes,
+            textures,
+            table,
+            subobject_spheres,
+            bounds: bounds_all,
+            warnings,
+            names,
+        })
+    }
+
+    /// The node at `index`.
+    pub fn node(&self, index: NodeIndex) -> &Node {
+        &self.nodes[index.0 as usize]
+    }
+
+    /// The children of a node, in order.
+    pub fn children(&self, index: NodeIndex) -> impl Iterator<Item = NodeIndex> + '_ {
+        let end = self.node(index).end;
+        let mut next = index.0 + 1;
+        std::iter::from_fn(move || {
+            (next < end).then(|| {
+                let child = NodeIndex(next);
+                next = self.node(child).end;
+                child
+            })
+        })
+    }
+
+    /// The first node of that name.
+    pub fn node_by_name(&self, name: &str) -> Option<NodeIndex> {
+        let first = self.names.partition_point(|&node| self.node(node).name.as_str() < name);
+        self.names.get(first).copied().filter(|&node| self.node(node).name == name)
+    }
+
+    /// All names of nodes, sorted; each as often as it occurs.
+    pub fn node_names(&self) -> impl Iterator<Item = &str> {
+        self.names.iter().map(|&node| self.node(node).name.as_str())
+    }
+
+    /// The object `id`.
+    pub fn object(&self, id: ObjectId) -> &Object {
+        &self.objects[id.0 as usize]
+    }
+
+    /// The shape of an object.
+    pub fn shape_of(&self, object: &Object) -> &Shape {
+        &self.shapes[object.shape.0 as usize]
+    }
+
+    /// The subobjects of an object.
+    pub fn subobjects_of(&self, object: &Object) -> Range<u32> {
+        let first = object.first_subobject.0;
+        first..first + self.shape_of(object).pieces.len() as u32
+    }
+}
+
+fn check_counts(sources: &[NodeSource], shapes: &[Shape]) -> Result<(), AssembleError> {
+    let shown = || sources.iter().filter_map(|node| node.shape);
+    let objects = shown().count();
+    let subobjects = shown().map(|shape| shapes[shape.0 as usize].pieces.len()).sum();
+    for (what, count, limit) in
+        [("objects", objects, limits::OBJECTS_MAX), ("subobjects", subobjects, limits::SUBOBJECTS_MAX)]
+    {
+        if count > limit {
+            return Err(AssembleError::TooMany { what, count, limit });
+        }
+    }
+    Ok(())
+}
+
+/// Gives every node the end of its subtree, and bounds and objects of all below: from the leaves up, since children
+/// come after their parents.
+fn close_subtrees(nodes: &mut [Node]) {
+    for index in (0..nodes.len()).rev() {
+        let (before, from_here) = nodes.split_at_mut(index);
+        let node = &from_here[0];
+        if let Some(parent) = node.parent {
+            let (end, last_object) = (node.end, node.objects.end);
+            let parent = &mut before[parent.0 as usize];
+            parent.end = parent.end.max(end);
+            parent.objects.end = parent.objects.end.max(last_object);
+        }
+    }
+    for index in (0..nodes.len()).rev() {
+        let end = nodes[index].end as usize;
+        let mut around: Vec<Sphere> = vec![nodes[index].sphere];
+        let mut child = index + 1;
+        while child < end {
+            assert_eq!(nodes[child].parent, Some(NodeIndex(index as u32)), "nodes must come depth-first");
+            around.push(nodes[child].sphere);
+            child = nodes[child].end as usize;
+        }
+        nodes[index].sphere = bounds::ball_of_balls(around.iter());
+    }
+}
+
+/// How messages name a node: `node "tower"`, or `node 12` if it has no name.
+pub(crate) fn node_label(name: &str, index: usize) -> String {
+    if name.is_empty() { format!("node {index}") } else { format!("node {name:?}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::split::{Primitive, split};
+    use glam::DVec3;
+
+    fn triangle() -> Vec<(Mesh, u32)> {
+        let primitive = Primitive {
+            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            ..Primitive::default()
+        };
+        split(&primitive).into_iter().map(|mesh| (mesh, 0)).collect()
+    }
+
+    fn node(name: &str, parent: Option<u32>, x: f64, shape: Option<ShapeIndex>) -> NodeSource {
+        NodeSource {
+            name: name.into(),
+            parent,
+            local: DAffine3::from_translation(DVec3::X * x),
+            rotation: DQuat::IDENTITY,
+            shape,
+        }
+    }
+
+    #[test]
+    fn subtrees_are_ranges_of_nodes_and_of_objects() {
+        let mut parts = Parts::default();
+        let shape = parts.add_shape("t", triangle());
+        parts.nodes = vec![
+            node("a", None, 10.0, None),
+            node("b", Some(0), 1.0, shape),
+            node("c", Some(1), 1.0, shape),
+            node("d", Some(0), 2.0, shape),
+            node("b", None, 0.0, shape),
+        ];
+        let scene = Scene::assemble(parts).unwrap();
+        let ends: Vec<_> = scene.nodes.iter().map(|node| node.end).collect();
+        assert_eq!(ends, [4, 3, 3, 4, 5]);
+        assert_eq!(scene.node(NodeIndex(0)).objects, 0..3);
+        assert_eq!(scene.node(NodeIndex(1)).objects, 0..2);
+        assert_eq!(scene.roots, [NodeIndex(0), NodeIndex(4)]);
+        assert_eq!(scene.children(NodeIndex(0)).collect::<Vec<_>>(), [NodeIndex(1), NodeIndex(3)]);
+        assert_eq!(scene.table.objects[1].transform.translation, DVec3::X * 12.0);
+        assert_eq!(scene.node_by_name("b"), Some(NodeIndex(1)), "the first of a name");
+        assert_eq!(scene.node_by_name("e"), None);
+        assert_eq!(scene.meshes.len(), 1, "four objects share one mesh");
+        let (whole, part) = (scene.node(NodeIndex(0)).sphere, scene.objects[2].sphere);
+        assert!(whole.centre.distance(part.centre) + part.radius <= whole.radius * (1.0 + 1e-12));
+    }
+
+    #[test]
+    fn what_lies_beyond_all_numbers_is_refused_by_name() {
+        let mut parts = Parts::default();
+        let shape = parts.add_shape("t", triangle());
+        parts.nodes = vec![node("far", None, 1e200, shape)];
+        let error = Scene::assemble(parts).unwrap_err();
+        assert!(error.to_string().starts_with("node \"far\" lies beyond"), "{error}");
+    }
+
+    #[test]
+    fn an_empty_scene_is_a_scene() {
+        let scene = Scene::assemble(Parts::default()).unwrap();
+        assert_eq!((scene.bounds, scene.sphere), (None, bounds::NOTHING));
+    }
+}
