@@ -25,6 +25,7 @@ pub mod shade;
 pub mod store;
 pub mod texture;
 pub mod translucency;
+pub mod worker;
 
 #[cfg(test)]
 mod oracle;

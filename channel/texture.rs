@@ -68,7 +68,8 @@ impl Texels for Level<u8> {
     #[inline]
     fn texel(&self, x: u32, y: u32) -> [f32; 4] {
         let t = self.texels[y as usize * self.width as usize + x as usize];
-        [decode_srgb(t[0]), decode_srgb(t[1]), decode_srgb(t[2]), f32::from(t[3]) / 255.0]
+        let [r, g, b] = decode_srgb([t[0], t[1], t[2]]);
+        [r, g, b, f32::from(t[3]) * (1.0 / 255.0)]
     }
 }
 
@@ -79,7 +80,7 @@ impl Texels for Level<u16> {
 
     #[inline]
     fn texel(&self, x: u32, y: u32) -> [f32; 4] {
-        self.texels[y as usize * self.width as usize + x as usize].map(|c| f32::from(c) / 65_535.0)
+        self.texels[y as usize * self.width as usize + x as usize].map(|c| f32::from(c) * (1.0 / 65_535.0))
     }
 }
 
@@ -110,7 +111,11 @@ impl MipTexture {
                 halve(size, next, |x, y| source[y as usize * size.0 as usize + x as usize])
             };
             let quantise = |c: f32| (c.clamp(0.0, 1.0) * 65_535.0 + 0.5) as u16;
-            halved.push(Level { width: next.0, height: next.1, texels: floats.iter().map(|t| t.map(quantise)).collect() });
+            halved.push(Level {
+                width: next.0,
+                height: next.1,
+                texels: floats.iter().map(|t| t.map(quantise)).collect(),
+            });
             (source, size) = (floats, next);
         }
         Ok(Self { base, halved })
@@ -165,41 +170,52 @@ pub fn detail(size: (u32, u32), du: [f64; 2], dv: [f64; 2]) -> f32 {
     // Not f64::max: a NaN must not win or lose by the platform's rule.
     let (a, b) = (along(0), along(1));
     let longer = if a > b { a } else { b };
-    if longer > 1.0 { (0.5 * libm::log2(longer)) as f32 } else { 0.0 }
+    if longer > 1.0 { 0.5 * libm::log2f(longer as f32) } else { 0.0 }
 }
 
-/// The texel at a coordinate that may lie one whole texture outside.
+/// A coordinate in texels, brought to the texture or its mirror image first: a u of 1e12 has a place in a repeated
+/// texture; one that has none (infinite, NaN, beyond f64's integers) counts as 0.
+#[inline]
+fn texels_along(coordinate: f64, side: u32, wrap: Wrap) -> f64 {
+    let near = match wrap {
+        Wrap::Repeat => coordinate - floor(coordinate) as f64,
+        Wrap::Mirror => coordinate - 2.0 * floor(coordinate * 0.5) as f64,
+        Wrap::Clamp => coordinate.clamp(0.0, 1.0),
+    };
+    if (0.0..=2.0).contains(&near) { near * f64::from(side) } else { 0.0 }
+}
+
+/// The largest integer that isn't above; what has none in i64 gets the nearest that i64 has, NaN gets 0. The
+/// base instruction set has no rounding instruction, and `f64::floor` would be a call per coordinate.
+#[inline]
+fn floor(x: f64) -> i64 {
+    let towards_zero = x as i64;
+    if towards_zero as f64 > x { towards_zero.saturating_sub(1) } else { towards_zero }
+}
+
+/// The texel at a coordinate from [`texels_along`], or one beside it: at −1 up to the number of texels, of both images if
+/// mirrored. Comparisons, because a division per texel costs more than the rest of the filter.
 #[inline]
 fn wrapped(i: i64, side: u32, wrap: Wrap) -> u32 {
     let n = i64::from(side);
     let inside = match wrap {
-        Wrap::Repeat => i.rem_euclid(n),
-        Wrap::Mirror => {
-            let turn = i.rem_euclid(2 * n);
-            if turn < n { turn } else { 2 * n - 1 - turn }
-        }
+        Wrap::Repeat if i < 0 => i + n,
+        Wrap::Repeat if i >= n => i - n,
+        Wrap::Repeat => i,
+        Wrap::Mirror if i < 0 => -1 - i,
+        Wrap::Mirror if i >= 2 * n => i - 2 * n,
+        Wrap::Mirror if i >= n => 2 * n - 1 - i,
+        Wrap::Mirror => i,
         Wrap::Clamp => i.clamp(0, n - 1),
     };
     inside as u32
 }
 
-/// A coordinate in texels, brought near the texture first: a u of 1e12 has a place in a repeated texture, an infinite or
-/// NaN one counts as 0.
-#[inline]
-fn texels_along(coordinate: f64, side: u32, wrap: Wrap) -> f64 {
-    let near = match wrap {
-        Wrap::Repeat => coordinate - coordinate.floor(),
-        Wrap::Mirror => coordinate - 2.0 * (coordinate * 0.5).floor(),
-        Wrap::Clamp => coordinate.clamp(-1.0, 2.0),
-    };
-    if near.is_finite() { near * f64::from(side) } else { 0.0 }
-}
-
 #[inline]
 fn nearest(level: &impl Texels, usage: &TextureUse, u: f64, v: f64) -> [f32; 4] {
     let (w, h) = level.size();
-    let x = texels_along(u, w, usage.wrap_u).floor() as i64;
-    let y = texels_along(v, h, usage.wrap_v).floor() as i64;
+    let x = floor(texels_along(u, w, usage.wrap_u));
+    let y = floor(texels_along(v, h, usage.wrap_v));
     level.texel(wrapped(x, w, usage.wrap_u), wrapped(y, h, usage.wrap_v))
 }
 
@@ -207,9 +223,8 @@ fn nearest(level: &impl Texels, usage: &TextureUse, u: f64, v: f64) -> [f32; 4] 
 fn bilinear(level: &impl Texels, usage: &TextureUse, u: f64, v: f64) -> [f32; 4] {
     let (w, h) = level.size();
     let (x, y) = (texels_along(u, w, usage.wrap_u) - 0.5, texels_along(v, h, usage.wrap_v) - 0.5);
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = ((x - x0) as f32, (y - y0) as f32);
-    let (x0, y0) = (x0 as i64, y0 as i64);
+    let (x0, y0) = (floor(x), floor(y));
+    let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
     let columns = [wrapped(x0, w, usage.wrap_u), wrapped(x0 + 1, w, usage.wrap_u)];
     let rows = [wrapped(y0, h, usage.wrap_v), wrapped(y0 + 1, h, usage.wrap_v)];
     let [a, b] = columns.map(|x| level.texel(x, rows[0]));

@@ -20,7 +20,8 @@ struct Tables {
 }
 
 static TABLES: LazyLock<Box<Tables>> = LazyLock::new(|| {
-    let mut tables = Box::new(Tables { thresholds: [f64::INFINITY; 256], guess: [0; GUESS_STEPS + 1], decoded: [0.0; 256] });
+    let mut tables =
+        Box::new(Tables { thresholds: [f64::INFINITY; 256], guess: [0; GUESS_STEPS + 1], decoded: [0.0; 256] });
     for code in 0..255u8 {
         tables.thresholds[usize::from(code)] = linear_of((f64::from(code) + 0.5) / 255.0);
     }
@@ -60,10 +61,11 @@ pub fn encode_srgb(linear: f64) -> u8 {
     code
 }
 
-/// The linear value of a code.
+/// The linear values of three codes.
 #[inline]
-pub fn decode_srgb(code: u8) -> f32 {
-    TABLES.decoded[usize::from(code)]
+pub fn decode_srgb(codes: [u8; 3]) -> [f32; 3] {
+    let tables = &**TABLES;
+    codes.map(|code| tables.decoded[usize::from(code)])
 }
 
 #[cfg(test)]
@@ -80,7 +82,7 @@ mod tests {
     #[test]
     fn every_code_survives_the_way_to_linear_and_back() {
         for code in 0..=255 {
-            assert_eq!(encode_srgb(f64::from(decode_srgb(code))), code);
+            assert_eq!(decode_srgb([code; 3]).map(|c| encode_srgb(f64::from(c))), [code; 3]);
         }
     }
 

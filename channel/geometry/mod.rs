@@ -1,0 +1,17 @@
+//! Geometry: from meshes in the world to triangles on the screen.
+//!
+//! In: the list's subobjects with their transformations. Out: set-up triangles, with vertices rounded to 1/256 pixel, one
+//! affine plane of inverse distance each, and everything dropped that no sample of the view can see (behind the near
+//! plane, beside the view, facing away, too small to hold a sample, beyond visibility).
+//!
+//! - [`camera`]: one view's numbers, world → eye → screen.
+//! - [`clip`]: what crosses the near plane or leaves the range of the integers, cut so that neighbours agree.
+//! - [`setup`]: the triangle that the raster stage works on.
+//! - [`transform`]: the stage itself, subobject by subobject.
+//!
+//! Nothing here knows tiles or shares: every board gets the same triangles, to the bit.
+
+pub mod camera;
+pub mod clip;
+pub mod setup;
+pub mod transform;

@@ -1,0 +1,435 @@
+//! The pipeline: one call draws one view's share of a frame.
+//!
+//! Geometry runs in parallel over runs of the list, raster to resolve over tiles, on a pool of threads of its own. Which thread does
+//! what, and when, has no influence on a pixel: runs are joined in the order of the list, and a tile is made by one thread from
+//! data that no one changes. All buffers stay with the [`Renderer`] from frame to frame.
+//!
+//! If the pool has as many threads as the process may use CPUs, each is pinned to one: measured, unpinned threads that sleep
+//! between frames are woken on the waker's CPU and do half of the frame one after the other. A smaller pool isn't pinned,
+//! because several boards on one machine would all choose the same CPUs.
+
+use crate::geometry::camera::Camera;
+use crate::geometry::setup::{ClipRecord, Triangle};
+use crate::geometry::transform::{GeometryCounts, GeometryRun, Item};
+use crate::raster::bins::Bins;
+use crate::raster::opaque::{FarBounds, RasterCounts, draw_opaque};
+use crate::raster::visible::{TRIANGLES_MAX, Visible};
+use crate::resolve::tile::{ResolveCounts, ResolveScratch, TileOutput, resolve};
+use crate::samples::Pattern;
+use crate::shade::{FaceCache, Shader};
+use crate::store::SceneStore;
+use crate::translucency::gather::{Fragments, gather};
+use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
+use proto::ids::SubobjectId;
+use proto::share::Lattice;
+use proto::view::{Pose, View};
+use rayon::prelude::*;
+use std::num::NonZeroUsize;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+use thiserror::Error;
+
+/// Why a frame wasn't drawn. The output is then empty.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum DrawError {
+    /// The view's numbers are out of range; whoever described the view is at fault.
+    #[error("the view is not drawable: its size, tangents, near plane or pose is out of range")]
+    View,
+    /// The eyepoint or the environment has a number that is not finite, or a range of visibility that is not positive.
+    #[error("the frame's state has a number that is not finite, or a visibility that is not positive")]
+    State,
+    /// The list names a row that the table doesn't have.
+    #[error("the list names subobject {subobject} of {subobjects}")]
+    UnknownSubobject {
+        /// What the list names.
+        subobject: SubobjectId,
+        /// Number of rows.
+        subobjects: usize,
+    },
+    /// A mesh or a texture has not come yet; [`SceneStore::missing`] says which.
+    #[error("subobject {subobject} can't be drawn: its mesh or a texture is not here yet")]
+    Missing {
+        /// The first that can't be drawn.
+        subobject: SubobjectId,
+    },
+    /// More triangles than can be numbered.
+    #[error("{triangles} triangles in view, allowed are {TRIANGLES_MAX}")]
+    TooManyTriangles {
+        /// Triangles after clipping and culling.
+        triangles: usize,
+    },
+}
+
+/// What a frame cost. Times are for people and for scheduling; they never reach a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DrawStats {
+    /// What became of the faces.
+    pub geometry: GeometryCounts,
+    /// Triangles that went to the tiles.
+    pub triangles_drawn: u64,
+    /// Opaque and MASK triangles in the tiles.
+    pub opaque: RasterCounts,
+    /// Translucent triangles in the tiles.
+    pub translucent: RasterCounts,
+    /// Translucent fragments that were kept.
+    pub fragments: u64,
+    /// Pixels by the way they were found.
+    pub pixels: ResolveCounts,
+    /// Tiles drawn.
+    pub tiles: u64,
+    /// Of these, tiles without a translucent fragment.
+    pub tiles_opaque: u64,
+    /// From the list to triangles in bins, ns.
+    pub geometry_ns: u64,
+    /// Raster, ns, summed over threads.
+    pub raster_ns: u64,
+    /// Gathering of translucent fragments, ns, summed over threads.
+    pub translucency_ns: u64,
+    /// Shading, mixing and encoding, ns, summed over threads.
+    pub resolve_ns: u64,
+    /// The whole call, ns.
+    pub total_ns: u64,
+}
+
+/// The finished tiles of a share.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TilePictures {
+    /// Which tiles, row by row of the view.
+    pub tiles: Vec<TileIndex>,
+    /// sRGB-encoded RGB, 3 bytes a pixel: each tile's rectangle row-major and tightly packed, one tile after the other.
+    pub rgb: Vec<u8>,
+    /// The same in linear, unclamped floats, if asked for with [`TilePictures::with_linear`].
+    pub linear: Option<Vec<f32>>,
+    /// Where each tile's pixels begin, pixels; one more for the end.
+    starts: Vec<usize>,
+}
+
+impl TilePictures {
+    /// An empty output for 8-bit pixels.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// An empty output for linear floats beside the 8-bit pixels.
+    pub fn with_linear() -> Self {
+        Self { linear: Some(Vec::new()), ..Self::default() }
+    }
+
+    /// The 8-bit pixels of the tile `tiles[k]`.
+    ///
+    /// # Panics
+    /// If there is no such tile.
+    pub fn tile(&self, k: usize) -> &[u8] {
+        &self.rgb[self.starts[k] * 3..self.starts[k + 1] * 3]
+    }
+
+    /// The linear pixels of the tile `tiles[k]`, if they were asked for.
+    ///
+    /// # Panics
+    /// If there is no such tile.
+    pub fn tile_linear(&self, k: usize) -> Option<&[f32]> {
+        self.linear.as_ref().map(|linear| &linear[self.starts[k] * 3..self.starts[k + 1] * 3])
+    }
+
+    fn begin(&mut self, lattice: &Lattice, width: u32, height: u32) {
+        self.tiles.clear();
+        self.tiles.extend(lattice.tiles(width, height));
+        self.starts.clear();
+        self.starts.push(0);
+        let mut pixels = 0;
+        for tile in &self.tiles {
+            pixels += tile.rect(width, height).area();
+            self.starts.push(pixels);
+        }
+        self.rgb.resize(pixels * 3, 0);
+        if let Some(linear) = &mut self.linear {
+            linear.resize(pixels * 3, 0.0);
+        }
+    }
+
+    fn clear(&mut self) {
+        self.tiles.clear();
+        self.rgb.clear();
+        self.starts.clear();
+        if let Some(linear) = &mut self.linear {
+            linear.clear();
+        }
+    }
+}
+
+/// What one thread needs for a tile.
+#[derive(Debug, Default)]
+struct TileScratch {
+    visible: Visible,
+    fragments: Fragments,
+    faces: FaceCache,
+    resolve: ResolveScratch,
+}
+
+/// One tile on its way through the stages.
+struct Job<'a> {
+    slot: usize,
+    rect: PixelRect,
+    out: TileOutput<'a>,
+    stats: DrawStats,
+}
+
+/// The pixel pipeline with its threads and buffers.
+#[derive(Debug)]
+pub struct Renderer {
+    pool: rayon::ThreadPool,
+    runs: Vec<GeometryRun>,
+    triangles: Vec<Triangle>,
+    clips: Vec<ClipRecord>,
+    bins: Bins,
+    /// One per thread; only ever locked by the thread of that number.
+    scratch: Vec<Mutex<TileScratch>>,
+}
+
+/// The pool's threads could not be started.
+#[derive(Debug, Error)]
+#[error("the renderer's {threads} threads could not be started")]
+pub struct RendererError {
+    threads: usize,
+    source: rayon::ThreadPoolBuildError,
+}
+
+/// Runs per thread that the list is cut into: enough that an uneven one doesn't keep the others waiting. A guess.
+const RUNS_PER_THREAD: usize = 8;
+
+impl Renderer {
+    /// A renderer with that many threads of its own.
+    ///
+    /// # Errors
+    /// When the system refuses a thread.
+    pub fn new(threads: NonZeroUsize) -> Result<Self, RendererError> {
+        let threads = threads.get();
+        let cpus = allowed_cpus();
+        let pins = (cpus.len() == threads).then_some(cpus);
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|i| format!("pixels-{i}"))
+            .start_handler(move |i| {
+                if let Some(cpu) = pins.as_ref().and_then(|cpus| cpus.get(i)) {
+                    let mut set = rustix::thread::CpuSet::new();
+                    set.set(*cpu);
+                    // Refused in some containers; the frame is then slower, not wrong.
+                    let _ = rustix::thread::sched_setaffinity(None, &set);
+                }
+            })
+            .build()
+            .map_err(|source| RendererError { threads, source })?;
+        Ok(Self {
+            pool,
+            runs: Vec::new(),
+            triangles: Vec::new(),
+            clips: Vec::new(),
+            bins: Bins::default(),
+            scratch: (0..threads).map(|_| Mutex::default()).collect(),
+        })
+    }
+
+    /// Number of threads.
+    pub fn threads(&self) -> usize {
+        self.scratch.len()
+    }
+
+    /// Draws the tiles of `lattice` of a view: the subobjects of `list`, from front to back for speed (the order has no
+    /// influence on the picture), where `scene` has them now. `out` is overwritten.
+    ///
+    /// # Errors
+    /// [`DrawError`]; `out` is then empty and the renderer as good as before.
+    pub fn draw(
+        &mut self,
+        scene: &SceneStore,
+        state: &FrameState,
+        view: &View,
+        list: &[SubobjectId],
+        lattice: &Lattice,
+        out: &mut TilePictures,
+    ) -> Result<DrawStats, DrawError> {
+        let begun = Instant::now();
+        out.clear();
+        if !view.is_valid() {
+            return Err(DrawError::View);
+        }
+        let state = checked(state)?;
+        let camera = Camera::new(&state, view);
+        let pattern = Pattern::of(view.samples);
+        let visibility_m = state.environment.visibility_m.unwrap_or(f64::INFINITY);
+        let items = items(scene, &camera, list)?;
+
+        let mut stats = DrawStats::default();
+        self.geometry(&camera, pattern, visibility_m, &items, &mut stats)?;
+        out.begin(lattice, view.width, view.height);
+        let triangles = &self.triangles;
+        self.bins
+            .fill(pattern, view.width, view.height, &out.tiles, triangles, |t| items[t.item as usize].is_translucent());
+        stats.geometry_ns = nanoseconds(begun);
+
+        let shader = Shader::new(&camera, pattern, &state.environment, &items, triangles, &self.clips);
+        let mut jobs = jobs(out, view);
+        let (bins, scratch) = (&self.bins, &self.scratch);
+        self.pool.install(|| {
+            jobs.par_iter_mut().with_max_len(1).for_each(|job| {
+                let thread = rayon::current_thread_index().expect("inside the pool");
+                let mut scratch = scratch[thread].lock().unwrap_or_else(PoisonError::into_inner);
+                draw_tile(&shader, bins, &mut scratch, job);
+            });
+        });
+        for job in &jobs {
+            stats.add_tile(&job.stats);
+        }
+        stats.total_ns = nanoseconds(begun);
+        Ok(stats)
+    }
+
+    fn geometry(
+        &mut self,
+        camera: &Camera,
+        pattern: &Pattern,
+        visibility_m: f64,
+        items: &[Item<'_>],
+        stats: &mut DrawStats,
+    ) -> Result<(), DrawError> {
+        let run_length = items.len().div_ceil(self.scratch.len() * RUNS_PER_THREAD).max(1);
+        let runs = items.len().div_ceil(run_length);
+        if self.runs.len() < runs {
+            self.runs.resize_with(runs, GeometryRun::default);
+        }
+        let active = &mut self.runs[..runs];
+        self.pool.install(|| {
+            active
+                .par_iter_mut()
+                .with_max_len(1)
+                .zip(items.par_chunks(run_length))
+                .enumerate()
+                .for_each(|(k, (run, items))| run.fill(camera, pattern, visibility_m, items, k * run_length));
+        });
+        let triangles = active.iter().map(|run| run.triangles.len()).sum();
+        if triangles > TRIANGLES_MAX {
+            return Err(DrawError::TooManyTriangles { triangles });
+        }
+        self.triangles.clear();
+        self.clips.clear();
+        for run in active {
+            let clip_base = self.clips.len() as u32;
+            self.triangles.extend(run.triangles.iter().map(|t| t.with_clip_base(clip_base)));
+            self.clips.extend_from_slice(&run.clips);
+            stats.geometry.add(&run.counts);
+        }
+        stats.triangles_drawn = triangles as u64;
+        Ok(())
+    }
+}
+
+/// A frame's state, refused unless its numbers can be computed with; the eyepoint's rotation made a unit one.
+fn checked(state: &FrameState) -> Result<FrameState, DrawError> {
+    let eye = Pose::checked(state.eye.position, state.eye.orientation).map_err(|_| DrawError::State)?;
+    let e: &Environment = &state.environment;
+    let colours = [e.fog, if let proto::frame::Background::Constant(c) = e.background { Some(c) } else { None }];
+    let are_finite = e.ambient.is_finite()
+        && e.sun.is_finite()
+        && e.sun_direction.is_finite()
+        && colours.into_iter().flatten().flatten().all(f32::is_finite)
+        && e.visibility_m.is_none_or(|v| v.is_finite() && v > 0.0);
+    if are_finite { Ok(FrameState { eye, ..*state }) } else { Err(DrawError::State) }
+}
+
+/// The list's subobjects, ready to be drawn.
+fn items<'a>(scene: &'a SceneStore, camera: &Camera, list: &[SubobjectId]) -> Result<Vec<Item<'a>>, DrawError> {
+    list.iter()
+        .map(|&subobject| {
+            let subobjects = scene.subobjects();
+            if subobject.0 as usize >= subobjects {
+                return Err(DrawError::UnknownSubobject { subobject, subobjects });
+            }
+            let missing = DrawError::Missing { subobject };
+            let (stored, transform) = scene.placed(subobject).ok_or_else(|| missing.clone())?;
+            let texture = |slot: Option<usize>| match slot {
+                None => Ok(None),
+                Some(slot) => scene.texture(slot).map(Some).ok_or_else(|| missing.clone()),
+            };
+            Ok(Item {
+                base_texture: texture(stored.base_texture)?,
+                emissive_texture: texture(stored.emissive_texture)?,
+                ..Item::new(subobject, stored, transform, camera)
+            })
+        })
+        .collect()
+}
+
+/// The tiles of `out` with their pixels.
+fn jobs<'a>(out: &'a mut TilePictures, view: &View) -> Vec<Job<'a>> {
+    let mut rgb = out.rgb.as_mut_slice();
+    let mut linear = out.linear.as_deref_mut();
+    let mut jobs = Vec::with_capacity(out.tiles.len());
+    for (slot, tile) in out.tiles.iter().enumerate() {
+        let rect = tile.rect(view.width, view.height);
+        let channels = rect.area() * 3;
+        let (bytes, rest) = rgb.split_at_mut(channels);
+        rgb = rest;
+        let floats = linear.take().map(|all| {
+            let (floats, rest) = all.split_at_mut(channels);
+            linear = Some(rest);
+            floats
+        });
+        jobs.push(Job { slot, rect, out: TileOutput { rgb: bytes, linear: floats }, stats: DrawStats::default() });
+    }
+    jobs
+}
+
+/// One tile from bins to bytes.
+fn draw_tile(shader: &Shader<'_>, bins: &Bins, scratch: &mut TileScratch, job: &mut Job<'_>) {
+    let TileScratch { visible, fragments, faces, resolve: resolve_scratch } = scratch;
+    let stats = &mut job.stats;
+    let begun = Instant::now();
+    visible.clear(shader.pattern.full);
+    fragments.clear();
+    faces.clear();
+    let mut far = FarBounds::OPEN;
+    draw_opaque(shader, job.rect, bins.opaque(job.slot), visible, &mut far, faces, &mut stats.opaque);
+    stats.raster_ns = nanoseconds(begun);
+
+    let translucent = bins.translucent(job.slot);
+    if !translucent.is_empty() {
+        let begun = Instant::now();
+        gather(shader, job.rect, translucent, visible, &far, fragments, &mut stats.translucent);
+        stats.translucency_ns = nanoseconds(begun);
+    }
+    stats.fragments = fragments.count() as u64;
+    stats.tiles = 1;
+    stats.tiles_opaque = u64::from(fragments.count() == 0);
+
+    let begun = Instant::now();
+    let out = TileOutput { rgb: job.out.rgb, linear: job.out.linear.as_deref_mut() };
+    resolve(shader, job.rect, visible, fragments, faces, resolve_scratch, out, &mut stats.pixels);
+    stats.resolve_ns = nanoseconds(begun);
+}
+
+impl DrawStats {
+    /// Adds what a tile counted; geometry and the total are the frame's own.
+    fn add_tile(&mut self, tile: &Self) {
+        self.opaque.add(&tile.opaque);
+        self.translucent.add(&tile.translucent);
+        self.fragments += tile.fragments;
+        self.pixels.pixels_single += tile.pixels.pixels_single;
+        self.pixels.pixels_multi += tile.pixels.pixels_multi;
+        self.tiles += tile.tiles;
+        self.tiles_opaque += tile.tiles_opaque;
+        self.raster_ns += tile.raster_ns;
+        self.translucency_ns += tile.translucency_ns;
+        self.resolve_ns += tile.resolve_ns;
+    }
+}
+
+fn nanoseconds(since: Instant) -> u64 {
+    u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// The CPUs that this process may use, ascending; none if the system doesn't say.
+fn allowed_cpus() -> Vec<usize> {
+    let set = rustix::thread::sched_getaffinity(None);
+    set.map(|set| (0..rustix::thread::CpuSet::MAX_CPU).filter(|cpu| set.is_set(*cpu)).collect()).unwrap_or_default()
+}

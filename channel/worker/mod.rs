@@ -1,0 +1,112 @@
+//! The board as a daemon: it connects to the backplane, takes its place in the row, and draws what it is told.
+//!
+//! | thread or task | owns | waits for |
+//! |---|---|---|
+//! | main task (`session`) | the link to the backplane, the chain's core | messages, neighbours, the painter, shutdown |
+//! | neighbour tasks (`neighbours`) | the listening socket, one link each | a neighbour's words |
+//! | outlet task (`outlet`) | the link to the compositor | tiles from the painter |
+//! | painter thread (`painter`) | the scene store, the lists, the pictures | work, in the order in which it came |
+//! | renderer threads | their tiles | the painter |
+//!
+//! Nothing is drawn on tokio's threads. When the backplane is gone the board keeps its scene and its last picture, and knocks
+//! again with a jittered back-off; when it is let in, only what it lacks is sent.
+//!
+//! Shutdown travels as one [`CancellationToken`]: the session asks to leave, waits for the backplane's goodbye at
+//! most [`LEAVE_TIMEOUT`], and drops everything else.
+
+mod neighbours;
+mod outlet;
+mod painter;
+mod session;
+
+use crate::pipeline::Renderer;
+use neighbours::Neighbours;
+use painter::Painter;
+use proto::backoff::Backoff;
+use session::{End, Session};
+use std::net::SocketAddr;
+use std::num::NonZeroUsize;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+/// How long a board that was told to end waits until others draw its share.
+const LEAVE_TIMEOUT: Duration = Duration::from_millis(700);
+
+/// How a board is set up.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Where the backplane listens, `host:port`.
+    pub backplane: String,
+    /// Where to listen for the right neighbour; port 0: any free port.
+    pub listen: SocketAddr,
+    /// Where the right neighbour reaches us, `host:port`, if not at the address that reaches the backplane.
+    pub advertise: Option<String>,
+    /// Threads to draw with.
+    pub threads: NonZeroUsize,
+    /// A name for people.
+    pub name: String,
+    /// End when the rig ends, instead of waiting for the next one.
+    pub once: bool,
+}
+
+/// Why a board ends.
+#[derive(Debug, Error)]
+pub enum WorkerError {
+    /// The listening socket.
+    #[error("cannot listen on {0}: {1}; choose another with --listen")]
+    Listen(SocketAddr, std::io::Error),
+    /// The backplane doesn't want us.
+    #[error("the backplane at {0} refused this board: {1}")]
+    Refused(String, String),
+    /// The renderer's or painter's threads couldn't be started.
+    #[error("cannot start drawing threads: {0}")]
+    Threads(String),
+    /// The painter ended: our own mistake.
+    #[error("the painter thread ended unexpectedly; please report this with the log")]
+    Painter,
+}
+
+/// Runs until `shutdown`, or until the rig ends when `config.once`. `listening` hears the neighbours' address.
+///
+/// # Errors
+/// [`WorkerError`].
+pub async fn run(
+    config: Config,
+    shutdown: CancellationToken,
+    listening: impl FnOnce(SocketAddr),
+) -> Result<(), WorkerError> {
+    let cannot_listen = |error| WorkerError::Listen(config.listen, error);
+    let listener = TcpListener::bind(config.listen).await.map_err(cannot_listen)?;
+    let address = listener.local_addr().map_err(cannot_listen)?;
+    let renderer = Renderer::new(config.threads).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    let mut painter = Painter::start(renderer).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    let mut neighbours = Neighbours::listen(listener);
+    listening(address);
+
+    let mut backoff = Backoff::new(u64::from(std::process::id()));
+    loop {
+        let end = match Session::open(&config, address).await {
+            Err(error) => End::Lost(error),
+            Ok(session) => {
+                backoff.reset();
+                session.run(&mut painter, &mut neighbours, &shutdown).await
+            }
+        };
+        neighbours.close_all();
+        painter.forget_session();
+        match end {
+            End::Shutdown => return Ok(()),
+            End::Goodbye if config.once => return Ok(()),
+            End::Goodbye => tracing::info!("the rig has ended; waiting for the next"),
+            End::Refused(reason) => return Err(WorkerError::Refused(config.backplane.clone(), reason)),
+            End::Painter => return Err(WorkerError::Painter),
+            End::Lost(error) => tracing::info!(backplane = %config.backplane, %error, "no backplane; trying again"),
+        }
+        tokio::select! {
+            () = tokio::time::sleep(backoff.next_wait()) => {}
+            () = shutdown.cancelled() => return Ok(()),
+        }
+    }
+}

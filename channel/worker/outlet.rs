@@ -1,0 +1,85 @@
+//! The link to the compositor: a task that connects, gives the painter a queue, and empties it into the socket.
+
+use super::painter::Work;
+use bytes::Bytes;
+use futures_util::{SinkExt, StreamExt};
+use proto::backoff::Backoff;
+use proto::codec::encode;
+use proto::ids::BoardKey;
+use proto::limits;
+use proto::link::{self, LinkError};
+use proto::message::TileMessage;
+use std::time::Duration;
+use tokio::net::TcpStream;
+use tokio::sync::mpsc;
+use tokio_util::sync::{CancellationToken, DropGuard};
+
+/// Messages that may wait for the compositor. When there is no room, a frame's tiles are not sent and the next frame's are
+/// all sent: a compositor that hangs never holds a board back.
+const QUEUE: usize = 64;
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Keeps a link to the compositor at `address` until dropped.
+pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sender<Work>) -> DropGuard {
+    let cut = CancellationToken::new();
+    let ended = cut.clone();
+    tokio::spawn(async move {
+        let mut backoff = Backoff::new(key.0 ^ u64::from(std::process::id()));
+        let keeping = async {
+            loop {
+                match carry(&address, key, &painter, &mut backoff).await {
+                    Ok(()) => tracing::info!(%address, "the compositor closed its link"),
+                    Err(error) => tracing::info!(%address, %error, "no link to the compositor"),
+                }
+                if painter.send(Work::Outlet(None)).is_err() {
+                    return;
+                }
+                tokio::time::sleep(backoff.next_wait()).await;
+            }
+        };
+        tokio::select! {
+            () = keeping => {}
+            () = ended.cancelled() => drop(painter.send(Work::Outlet(None))),
+        }
+    });
+    cut.drop_guard()
+}
+
+async fn carry(
+    address: &str,
+    key: BoardKey,
+    painter: &std::sync::mpsc::Sender<Work>,
+    backoff: &mut Backoff,
+) -> Result<(), LinkError> {
+    let connecting = async {
+        let stream = TcpStream::connect(address).await?;
+        stream.set_nodelay(true)?;
+        link::open(stream, limits::BULK_MESSAGE_MAX).await
+    };
+    let Ok(connected) = tokio::time::timeout(CONNECT_TIMEOUT, connecting).await else {
+        return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
+    };
+    let mut compositor = connected?;
+    compositor.send(encode(&TileMessage::Hello { key }, &[])).await?;
+    backoff.reset();
+    let (queue, mut waiting) = mpsc::channel::<Bytes>(QUEUE);
+    if painter.send(Work::Outlet(Some(queue))).is_err() {
+        return Ok(());
+    }
+    let (mut sink, mut source) = compositor.split();
+    let writing = async {
+        while let Some(message) = waiting.recv().await {
+            sink.feed(message).await?;
+            while let Ok(message) = waiting.try_recv() {
+                sink.feed(message).await?;
+            }
+            sink.flush().await?;
+        }
+        Ok::<_, LinkError>(())
+    };
+    tokio::select! {
+        ended = writing => ended,
+        // The compositor never speaks: anything here is its end.
+        _ = source.next() => Ok(()),
+    }
+}

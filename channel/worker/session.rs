@@ -1,0 +1,207 @@
+//! One session with a backplane, from hello to the end of the link.
+
+use super::neighbours::{NeighbourEvent, Neighbours};
+use super::painter::{Painter, Painted, Work};
+use super::{Config, LEAVE_TIMEOUT, outlet};
+use bytes::Bytes;
+use proto::chain::{BoardChain, BoardOutput};
+use proto::codec::Reader;
+use proto::ids::{BoardKey, ContentId};
+use proto::limits;
+use proto::link::{self, Link, LinkError};
+use proto::message::{FrameHeader, FromBoard, Hello, Role, ToBoard};
+use proto::share::shares;
+use std::net::SocketAddr;
+use std::time::Duration;
+use tokio::net::TcpStream;
+use tokio_util::sync::{CancellationToken, DropGuard};
+
+const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Why a session is over.
+#[derive(Debug)]
+pub(super) enum End {
+    /// The rig ended, or released us.
+    Goodbye,
+    /// We were told to end.
+    Shutdown,
+    /// The link broke.
+    Lost(LinkError),
+    /// The backplane doesn't want us.
+    Refused(String),
+    /// The painter ended.
+    Painter,
+}
+
+pub(super) struct Session {
+    backplane: Link<TcpStream>,
+    chain: BoardChain,
+    key: BoardKey,
+    view_count: u32,
+    outlet: Option<(String, DropGuard)>,
+}
+
+impl Session {
+    /// Connects and says hello.
+    pub(super) async fn open(config: &Config, listening: SocketAddr) -> Result<Self, LinkError> {
+        let greeting = async {
+            let stream = TcpStream::connect(&config.backplane).await?;
+            stream.set_nodelay(true)?;
+            // Listening on any address, we are reached at the one that reaches the backplane.
+            let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
+            let link = config.advertise.clone();
+            let link = link.unwrap_or_else(|| SocketAddr::new(ip, listening.port()).to_string());
+            let mut backplane = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
+            let role = Role::Board { threads: config.threads.get() as u32, link };
+            link::send(&mut backplane, &Hello { name: config.name.clone(), role }, &[]).await?;
+            Ok::<_, LinkError>(backplane)
+        };
+        let Ok(backplane) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else {
+            return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
+        };
+        let key = BoardKey(0);
+        Ok(Self { backplane: backplane?, chain: BoardChain::new(key), key, view_count: 0, outlet: None })
+    }
+
+    /// Serves until the end of the session.
+    pub(super) async fn run(
+        mut self,
+        painter: &mut Painter,
+        neighbours: &mut Neighbours,
+        shutdown: &CancellationToken,
+    ) -> End {
+        let mut leaving = None;
+        loop {
+            let deadline = async {
+                match leaving {
+                    Some(at) => tokio::time::sleep_until(at).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                message = link::receive::<ToBoard>(&mut self.backplane) => {
+                    let result = match message {
+                        Err(error) => Err(End::Lost(error)),
+                        Ok(None) => Err(End::Lost(LinkError::Closed)),
+                        Ok(Some((message, payload))) => self.on_message(message, payload, painter),
+                    };
+                    if let Err(end) = result {
+                        return if leaving.is_some() { End::Shutdown } else { end };
+                    }
+                }
+                event = neighbours.next() => self.on_neighbour(event, neighbours),
+                painted = painter.painted() => {
+                    let Some(painted) = painted else { return End::Painter };
+                    if let Err(error) = self.on_painted(painted).await {
+                        return End::Lost(error);
+                    }
+                }
+                () = shutdown.cancelled(), if leaving.is_none() => {
+                    leaving = Some(tokio::time::Instant::now() + LEAVE_TIMEOUT);
+                    if link::send(&mut self.backplane, &FromBoard::Leave, &[]).await.is_err() {
+                        return End::Shutdown;
+                    }
+                }
+                () = deadline => return End::Shutdown,
+            }
+            if let Err(error) = self.drain(neighbours).await {
+                return End::Lost(error);
+            }
+        }
+    }
+
+    fn on_message(&mut self, message: ToBoard, payload: Bytes, painter: &Painter) -> Result<(), End> {
+        match message {
+            ToBoard::Welcome { key } => {
+                tracing::info!(%key, "connected");
+                self.key = key;
+                self.chain = BoardChain::new(key);
+            }
+            ToBoard::Refused { reason } => return Err(End::Refused(reason)),
+            ToBoard::Goodbye => return Err(End::Goodbye),
+            ToBoard::Compositor { address } => {
+                if self.outlet.as_ref().map(|(at, _)| at) != address.as_ref() {
+                    self.outlet = None;
+                    self.outlet = address.map(|at| (at.clone(), outlet::keep(at, self.key, painter.work())));
+                }
+            }
+            ToBoard::Offer { .. } => {
+                let mut reader = Reader::new(&payload, "offer");
+                let ids = reader.values::<[u8; 16]>(payload.len() / 16).map_err(|e| End::Lost(e.into()))?;
+                painter.send(Work::Offer(ids.into_iter().map(ContentId).collect()));
+            }
+            ToBoard::Mesh { id } => painter.send(Work::Mesh(id, payload)),
+            ToBoard::Texture { id } => painter.send(Work::Texture(id, payload)),
+            ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
+            ToBoard::Chain(message) => self.chain.on_backplane(message),
+            ToBoard::Frame(header) => self.on_frame(header, payload, painter),
+            // Displays of this board change here; boards without one have nothing to do.
+            ToBoard::Swap(_) => {}
+        }
+        Ok(())
+    }
+
+    fn on_frame(&mut self, header: FrameHeader, payload: Bytes, painter: &Painter) {
+        if let Some(views) = &header.views {
+            self.view_count = views.len().min(limits::VIEWS_MAX) as u32;
+        }
+        let epoch = header.state.epoch;
+        let shares = match self.chain.place(epoch) {
+            Some(place) => shares(place.id, &place.weights, self.view_count),
+            None => {
+                tracing::warn!(frame = %header.state.frame, %epoch, "a frame under a wiring that we have no place in");
+                Vec::new()
+            }
+        };
+        // Even without a share the lists must be followed.
+        painter.send(Work::Frame { header: Box::new(header), payload, shares });
+    }
+
+    fn on_neighbour(&mut self, event: NeighbourEvent, neighbours: &mut Neighbours) {
+        match event {
+            NeighbourEvent::Up { link, outbox, epoch } => {
+                neighbours.keep(link, outbox);
+                if let Some(epoch) = epoch {
+                    self.chain.on_left_linked(epoch, link);
+                }
+            }
+            NeighbourEvent::Message(link, message) => self.chain.on_neighbour(link, message),
+            NeighbourEvent::Down(link) => {
+                neighbours.close(link);
+                self.chain.on_link_lost(None, Some(link));
+            }
+            NeighbourEvent::Failed(epoch) => self.chain.on_link_lost(Some(epoch), None),
+        }
+    }
+
+    async fn on_painted(&mut self, painted: Painted) -> Result<(), LinkError> {
+        match painted {
+            Painted::Lacking(ids) => {
+                let payload: Vec<u8> = ids.iter().flat_map(|id| id.0).collect();
+                link::send(&mut self.backplane, &FromBoard::Lacking, &payload).await
+            }
+            Painted::Loaded(scene) => link::send(&mut self.backplane, &FromBoard::Loaded { scene }, &[]).await,
+            Painted::Ready { frame, epoch, report } => {
+                link::send(&mut self.backplane, &FromBoard::Ready { frame, epoch, report }, &[]).await
+            }
+            Painted::Refused(error) => {
+                tracing::error!(%error, "the backplane sent something that can't be drawn");
+                Err(LinkError::Closed)
+            }
+        }
+    }
+
+    async fn drain(&mut self, neighbours: &mut Neighbours) -> Result<(), LinkError> {
+        while let Some(output) = self.chain.poll_output() {
+            match output {
+                BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address),
+                BoardOutput::ToBackplane(message) => {
+                    link::send(&mut self.backplane, &FromBoard::Chain(message), &[]).await?;
+                }
+                BoardOutput::ToNeighbour(link, message) => neighbours.send(link, message),
+                BoardOutput::Close(link) => neighbours.close(link),
+            }
+        }
+        Ok(())
+    }
+}
