@@ -5,5 +5,7 @@
 //! poses, and [`backplane`] is the tokio shell that ties them to the boards.
 #![forbid(unsafe_code)]
 
+pub mod backplane;
 pub mod host;
 pub mod scene;
+pub mod select;

@@ -1,0 +1,531 @@
+//! The engine: the one thread that makes frames.
+//!
+//! It takes facts from its queue, hands them to the cores ([`BackplaneChain`], [`FrameClock`], [`Director`]), and carries
+//! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
+//! the compositor → the host's answer).
+
+use super::content::Content;
+use super::director::Director;
+use super::links::{Outbox, content_ids};
+use super::statistics::{Report, Statistics};
+use super::Config;
+use crate::host::native::Freshness;
+use bytes::Bytes;
+use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock, Wiring};
+use proto::codec::encode;
+use proto::frame::FrameState;
+use proto::ids::{BoardId, BoardKey, FrameNumber, ViewId};
+use proto::message::{
+    FrameHeader, FramePayload, FromBoard, FromCompositor, Hello, ListUpdate, Role, Swap, ToBoard, ToCompositor,
+};
+use proto::pose::{Answer, PosePacket};
+use proto::share::shares;
+use proto::time::Time;
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+use tokio::net::UdpSocket;
+use tokio::sync::oneshot;
+
+/// Facts taken before the clock is looked at again.
+const FACTS_PER_TURN: usize = 256;
+/// Longest sleep: nothing is due, but a look at the state costs nothing.
+const IDLE: Duration = Duration::from_millis(100);
+/// How long after the last request for the console's picture previews are still made.
+const PREVIEW_INTEREST: Duration = Duration::from_secs(3);
+/// Shortest time between previews.
+const PREVIEW_PERIOD: Duration = Duration::from_millis(90);
+
+/// A fact.
+#[derive(Debug)]
+pub(crate) enum Event {
+    /// Somebody connected and said who it is.
+    Hello { key: BoardKey, hello: Hello, from: SocketAddr, outbox: Outbox },
+    /// A link is over.
+    Lost { key: BoardKey, reason: String },
+    /// Somebody connected and didn't speak our protocol.
+    Refused { from: SocketAddr, error: String },
+    /// A board said something.
+    Board { key: BoardKey, message: FromBoard, payload: Bytes },
+    /// The compositor said something.
+    Compositor { message: FromCompositor, payload: Bytes },
+    /// The host said something.
+    Pose { packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness },
+    /// A datagram that is no pose packet.
+    BadPose,
+    /// The console wants the statistics.
+    #[cfg_attr(not(feature = "console"), expect(dead_code, reason = "only the console asks"))]
+    Report(oneshot::Sender<Report>),
+    /// The console wants the newest picture.
+    #[cfg_attr(not(feature = "console"), expect(dead_code, reason = "only the console asks"))]
+    Picture(oneshot::Sender<Option<(FrameNumber, Bytes)>>),
+    /// The manager ends.
+    Shutdown,
+}
+
+#[derive(Debug)]
+struct Board {
+    name: String,
+    /// Where its right neighbour reaches it.
+    link: String,
+    outbox: Outbox,
+    /// Revision of each view's list that it holds.
+    lists: BTreeMap<ViewId, u64>,
+    /// Revision of the views that it holds.
+    views: u64,
+    /// Whether it asked to leave, or was told to.
+    is_leaving: bool,
+}
+
+#[derive(Debug)]
+struct Compositor {
+    key: BoardKey,
+    listen: String,
+    outbox: Outbox,
+    views: u64,
+}
+
+/// A pose that waits for its frame, or whose frame waits for its swap.
+#[derive(Clone, Copy, Debug)]
+struct Source {
+    from: SocketAddr,
+    sequence: u32,
+    answer: bool,
+    received: Time,
+}
+
+pub(crate) struct Engine {
+    config: Config,
+    content: Arc<Content>,
+    poses: Arc<UdpSocket>,
+    started: Instant,
+    chain: BackplaneChain,
+    clock: FrameClock,
+    director: Director,
+    boards: BTreeMap<BoardKey, Board>,
+    compositor: Option<Compositor>,
+    statistics: Statistics,
+    /// The newest pose, not yet in a frame.
+    fresh: Option<Source>,
+    /// The pose of the frame in flight, or of the last one.
+    shown: Option<Source>,
+    answered: Option<(SocketAddr, Answer)>,
+    last_swap: Option<Swap>,
+    first_open: Option<Time>,
+    picture: Option<(FrameNumber, Bytes)>,
+    picture_wanted: Option<Time>,
+    picture_made: Option<Time>,
+    is_over: bool,
+}
+
+impl Engine {
+    pub(crate) fn new(mut config: Config, content: Arc<Content>, poses: Arc<UdpSocket>, started: Instant) -> Self {
+        config.wait_for_boards = config.wait_for_boards.max(1);
+        let director = Director::new(config.stage.clone());
+        let clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
+        Self {
+            config,
+            content,
+            poses,
+            started,
+            chain: BackplaneChain::new(),
+            clock,
+            director,
+            boards: BTreeMap::new(),
+            compositor: None,
+            statistics: Statistics::default(),
+            fresh: None,
+            shown: None,
+            answered: None,
+            last_swap: None,
+            first_open: None,
+            picture: None,
+            picture_wanted: None,
+            picture_made: None,
+            is_over: false,
+        }
+    }
+
+    /// Runs to the end of the rig and returns what it has done.
+    pub(crate) fn run(mut self, inbox: &Receiver<Event>) -> Report {
+        while !self.is_over {
+            match inbox.recv_timeout(self.sleep()) {
+                Ok(event) => {
+                    self.on_event(event);
+                    for event in inbox.try_iter().take(FACTS_PER_TURN) {
+                        self.on_event(event);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            let now = self.now();
+            self.chain.on_timeout(now);
+            self.clock.on_timeout(now);
+            self.drain();
+            self.open_if_due();
+            self.drain();
+        }
+        for board in self.boards.values() {
+            board.outbox.send(encode(&ToBoard::Goodbye, &[]));
+            board.outbox.close();
+        }
+        if let Some(compositor) = &self.compositor {
+            compositor.outbox.send(encode(&ToCompositor::Goodbye, &[]));
+            compositor.outbox.close();
+        }
+        self.report()
+    }
+
+    fn now(&self) -> Time {
+        Time(self.started.elapsed().as_nanos() as u64)
+    }
+
+    fn sleep(&self) -> Duration {
+        let now = self.now();
+        let clock = self.clock.next_timeout().filter(|_| self.clock.open_frame().is_some() || self.may_open());
+        let due = [self.chain.next_timeout(), clock].into_iter().flatten().min();
+        due.map_or(IDLE, |due| due.since(now)).min(IDLE)
+    }
+
+    /// Whether everything but the time is there for the next frame.
+    fn may_open(&self) -> bool {
+        let is_first = self.first_open.is_none();
+        let has_boards = self.chain.active().is_some() || self.chain.has_closed();
+        let has_enough = !is_first || (self.chain.has_closed() && self.chain.len() >= self.config.wait_for_boards);
+        let has_compositor = !is_first || !self.config.wait_for_compositor || self.compositor.is_some();
+        let has_pose = match self.config.mode {
+            ClockMode::RealTime { .. } => true,
+            // A frame that is drawn again has its pose already.
+            ClockMode::LockStep => self.fresh.is_some() || self.clock.is_redraw(),
+        };
+        has_boards && has_enough && has_compositor && has_pose && !self.is_done()
+    }
+
+    fn is_done(&self) -> bool {
+        self.config.frames.is_some_and(|frames| self.clock.next_frame().0 >= frames)
+    }
+
+    fn on_event(&mut self, event: Event) {
+        match event {
+            Event::Hello { key, hello, from, outbox } => self.on_hello(key, hello, from, outbox),
+            Event::Lost { key, reason } => self.on_lost(key, &reason),
+            Event::Refused { from, error } => {
+                self.statistics.dropped.connections += 1;
+                self.log("refused", format!("{from}: {error}"));
+            }
+            Event::Board { key, message, payload } => self.on_board(key, message, &payload),
+            Event::Compositor { message, payload } => self.on_compositor(message, payload),
+            Event::Pose { packet, from, received, freshness } => self.on_pose(&packet, from, received, freshness),
+            Event::BadPose => self.statistics.dropped.pose_packets += 1,
+            // Whoever asked may have gone away meanwhile.
+            Event::Report(answer) => drop(answer.send(self.report())),
+            Event::Picture(answer) => {
+                self.picture_wanted = Some(self.now());
+                drop(answer.send(self.picture.clone()));
+            }
+            Event::Shutdown => self.is_over = true,
+        }
+    }
+
+    fn log(&mut self, event: &'static str, detail: String) {
+        self.statistics.on_event(self.started.elapsed(), self.clock.next_frame().0, event, detail);
+    }
+
+    fn on_hello(&mut self, key: BoardKey, hello: Hello, from: SocketAddr, outbox: Outbox) {
+        match hello.role {
+            Role::Board { threads, link } => {
+                let compositor = self.compositor.as_ref().map(|c| c.listen.clone());
+                let is_taken = outbox.send(encode(&ToBoard::Welcome { key }, &[]))
+                    && outbox.send(encode(&ToBoard::Compositor { address: compositor }, &[]))
+                    && outbox.send(self.content.offer());
+                if is_taken {
+                    self.log("connected", format!("board {} ({from}, {threads} threads), {key:?}", hello.name));
+                    let board = Board {
+                        name: hello.name,
+                        link,
+                        outbox,
+                        lists: BTreeMap::new(),
+                        views: 0,
+                        is_leaving: false,
+                    };
+                    self.boards.insert(key, board);
+                }
+            }
+            Role::Compositor { listen } => {
+                if let Some(other) = &self.compositor {
+                    let reason = format!("this rig has a compositor already, at {}", other.listen);
+                    outbox.send(encode(&ToCompositor::Refused { reason }, &[]));
+                    outbox.close();
+                    self.log("refused", format!("a second compositor, from {from}"));
+                    return;
+                }
+                outbox.send(encode(&ToCompositor::Welcome, &[]));
+                let address = Some(listen.clone());
+                self.compositor = Some(Compositor { key, listen, outbox, views: 0 });
+                self.update_compositor_views();
+                if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor) {
+                    compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
+                }
+                self.tell_boards(&ToBoard::Compositor { address });
+                self.log("connected", format!("compositor ({from})"));
+            }
+        }
+    }
+
+    fn tell_boards(&self, message: &ToBoard) {
+        let bytes = encode(message, &[]);
+        for board in self.boards.values() {
+            board.outbox.send(bytes.clone());
+        }
+    }
+
+    fn update_compositor_views(&mut self) {
+        let revision = self.director.views_revision;
+        if let Some(compositor) = self.compositor.as_mut().filter(|c| c.views != revision) {
+            compositor.views = revision;
+            compositor.outbox.send(encode(&ToCompositor::Views(self.director.views().to_vec()), &[]));
+        }
+    }
+
+    fn on_lost(&mut self, key: BoardKey, reason: &str) {
+        let now = self.now();
+        if let Some(board) = self.boards.remove(&key) {
+            self.chain.on_lost(now, key);
+            self.clock.on_lost(now, key);
+            let event = if board.is_leaving { "left" } else { "lost" };
+            self.log(event, format!("board {} ({key:?}): {reason}", board.name));
+        } else if self.compositor.as_ref().is_some_and(|compositor| compositor.key == key) {
+            self.compositor = None;
+            self.clock.on_compositor_lost();
+            self.answer();
+            self.tell_boards(&ToBoard::Compositor { address: None });
+            self.log("lost", format!("compositor: {reason}"));
+        }
+    }
+
+    fn on_board(&mut self, key: BoardKey, message: FromBoard, payload: &Bytes) {
+        let now = self.now();
+        // A message that was under way when the board was dropped.
+        let Some(board) = self.boards.get_mut(&key) else { return };
+        match message {
+            FromBoard::Lacking => match content_ids(payload) {
+                Some(lacking) => {
+                    self.statistics.skipped.meshes_cached += self.content.len().saturating_sub(lacking.len()) as u64;
+                    board.outbox.send_pieces(lacking);
+                }
+                None => self.put_out(key, "its answer to an offer is malformed"),
+            },
+            FromBoard::Loaded { scene } if scene == self.content.scene => {
+                let (link, name) = (board.link.clone(), board.name.clone());
+                if self.chain.on_join(now, key, link) {
+                    self.log("joined", format!("board {name} ({key:?})"));
+                } else {
+                    self.put_out(key, "the row is full, or it joined twice");
+                }
+            }
+            FromBoard::Loaded { .. } => self.put_out(key, "it loaded another scene"),
+            FromBoard::Chain(message) => self.chain.on_message(now, key, message),
+            FromBoard::Ready { frame, epoch, report } => {
+                self.statistics.on_board_report(&report);
+                self.clock.on_ready(now, key, frame, epoch);
+            }
+            FromBoard::Leave => {
+                board.is_leaving = true;
+                self.chain.on_leave(now, key);
+            }
+        }
+    }
+
+    fn put_out(&mut self, key: BoardKey, why: &str) {
+        if let Some(board) = self.boards.get(&key) {
+            board.outbox.cut();
+            let name = board.name.clone();
+            self.log("put out", format!("board {name} ({key:?}): {why}"));
+        }
+    }
+
+    fn on_compositor(&mut self, message: FromCompositor, payload: Bytes) {
+        match message {
+            FromCompositor::Presented { frame, stitch_ns } => {
+                self.statistics.stitch.add(Duration::from_nanos(stitch_ns));
+                self.clock.on_presented(frame);
+                self.answer();
+            }
+            FromCompositor::Preview { frame } => self.picture = Some((frame, payload)),
+            FromCompositor::Missing { frame } => {
+                self.clock.on_missing(frame);
+                self.log("incomplete", format!("{frame:?} lost tiles on its way to the compositor"));
+            }
+        }
+    }
+
+    fn on_pose(&mut self, packet: &PosePacket, from: SocketAddr, received: Time, freshness: Freshness) {
+        match freshness {
+            Freshness::Stale => self.statistics.dropped.stale_poses += 1,
+            Freshness::Repeated => {
+                if let Some((to, answer)) = self.answered.filter(|(to, a)| *to == from && a.sequence == packet.sequence) {
+                    self.send_answer(to, answer);
+                }
+            }
+            Freshness::New => {
+                self.statistics.dropped.unknown_entities += self.director.on_pose(packet);
+                self.fresh = Some(Source { from, sequence: packet.sequence, answer: packet.answer, received });
+            }
+        }
+    }
+
+    /// Tells the host, if it wants to know, that its pose is on the screen. In lock-step that is once the compositor
+    /// has shown it.
+    fn answer(&mut self) {
+        let (Some(source), Some(swap)) = (self.shown, &self.last_swap) else { return };
+        let lock_step = self.config.mode == ClockMode::LockStep;
+        if !source.answer || (lock_step && (self.clock.open_frame().is_some() || self.clock.stuck().is_some())) {
+            return;
+        }
+        let answer = Answer { lock_step, sequence: source.sequence, frame: swap.frame.0 as u32 };
+        if self.answered != Some((source.from, answer)) {
+            self.answered = Some((source.from, answer));
+            self.send_answer(source.from, answer);
+        }
+    }
+
+    fn send_answer(&self, to: SocketAddr, answer: Answer) {
+        // A full socket buffer or a host that is gone: it will ask again.
+        if let Err(error) = self.poses.try_send_to(&answer.encode(), to) {
+            tracing::debug!(%to, %error, "answer not sent");
+        }
+    }
+
+    /// Carries out what the cores want.
+    fn drain(&mut self) {
+        while let Some(ClockOutput::Swap { swap, opened, late }) = self.clock.poll_output() {
+            self.swap(swap, opened, late);
+        }
+        while let Some(output) = self.chain.poll_output() {
+            match output {
+                BackplaneOutput::Send(key, message) => {
+                    if let Some(board) = self.boards.get(&key) {
+                        board.outbox.send(encode(&ToBoard::Chain(message), &[]));
+                    }
+                }
+                BackplaneOutput::Released(key) => {
+                    if let Some(board) = self.boards.get(&key) {
+                        board.outbox.send(encode(&ToBoard::Goodbye, &[]));
+                        board.outbox.close();
+                    }
+                }
+                BackplaneOutput::PutOut(key, why) => self.put_out(key, why),
+                BackplaneOutput::Closed(epoch) => {
+                    self.log("wired", format!("{epoch:?}: {} boards", self.chain.len()));
+                    self.clock.on_rewired();
+                }
+            }
+        }
+    }
+
+    fn swap(&mut self, mut swap: Swap, opened: Time, late: bool) {
+        let now = self.now();
+        let is_wanted = self.picture_wanted.is_some_and(|at| now.since(at) < PREVIEW_INTEREST);
+        swap.preview = is_wanted && self.picture_made.is_none_or(|at| now.since(at) >= PREVIEW_PERIOD);
+        if swap.preview {
+            self.picture_made = Some(now);
+        }
+        self.statistics.frames += 1;
+        self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
+        self.statistics.late_frames += u64::from(late);
+        self.statistics.repeated_views += swap.complete.iter().filter(|complete| !**complete).count() as u64;
+        self.statistics.frame.add(now.since(opened));
+        if let Some(source) = &self.shown {
+            self.statistics.latency.add(now.since(source.received));
+        }
+        let message = encode(&ToBoard::Swap(swap.clone()), &[]);
+        for key in &swap.boards {
+            if let Some(board) = self.boards.get(key) {
+                board.outbox.try_frame(message.clone());
+            }
+        }
+        if let Some(compositor) = &self.compositor {
+            compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
+        } else {
+            self.clock.on_presented(swap.frame);
+        }
+        self.last_swap = Some(swap);
+        if self.config.mode != ClockMode::LockStep || self.compositor.is_none() {
+            self.answer();
+        }
+    }
+
+    fn open_if_due(&mut self) {
+        if self.is_done() && self.clock.open_frame().is_none() && self.clock.stuck().is_none() {
+            self.is_over = true;
+            return;
+        }
+        if !self.may_open() || !self.clock.wants_open(self.now()) {
+            return;
+        }
+        let Some(wiring) = self.chain.on_frame(self.clock.next_frame()).cloned() else { return };
+        // The boards must hear of the wiring before the first frame under it.
+        self.drain();
+        let now = self.now();
+        self.first_open.get_or_insert(now);
+        if let Some(source) = self.fresh.take() {
+            self.shown = Some(source);
+        }
+        let before_select = Instant::now();
+        for counts in self.director.select() {
+            self.statistics.skipped.culled += counts.subobjects_culled;
+        }
+        self.statistics.select.add(before_select.elapsed());
+        let frame = self.clock.on_open(now, &wiring);
+        self.update_compositor_views();
+        let before_stream = Instant::now();
+        self.stream(frame, &wiring);
+        self.statistics.stream.add(before_stream.elapsed());
+    }
+
+    /// Sends every board its frame.
+    fn stream(&mut self, frame: FrameNumber, wiring: &Wiring) {
+        let Self { boards, director, statistics, .. } = self;
+        let state =
+            FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
+        let view_count = director.views().len() as u32;
+        for (i, key) in wiring.members.iter().enumerate() {
+            let Some(board) = boards.get_mut(key) else { continue };
+            let mut payload = FramePayload { moved: std::mem::take(&mut director.moved), scripts: Vec::new() };
+            let own = shares(BoardId(i as u32), &wiring.weights, view_count);
+            let mut lists = Vec::with_capacity(own.len());
+            for share in &own {
+                let held = board.lists.get(&share.view).copied();
+                let (base, script_bytes) = director.lists.script(share.view.0 as usize, held, &mut payload.scripts);
+                lists.push(ListUpdate { view: share.view, base, script_bytes });
+            }
+            let views = (board.views != director.views_revision).then(|| director.views().to_vec());
+            let header = FrameHeader { state, views, lists, moved: payload.moved.len() as u32 };
+            let message = encode(&ToBoard::Frame(header), &payload.encode());
+            director.moved = payload.moved;
+            let len = message.len() as u64;
+            if board.outbox.try_frame(message) {
+                statistics.bytes_to_boards += len;
+                board.views = director.views_revision;
+                // Lists of views that it no longer draws go out of date at the board: it must not be sent changes
+                // to them later.
+                board.lists = own
+                    .iter()
+                    .map(|share| (share.view, director.lists.revision(share.view.0 as usize)))
+                    .collect();
+            } else {
+                statistics.dropped.board_frames += 1;
+            }
+        }
+    }
+
+    fn report(&self) -> Report {
+        let seconds = self.first_open.map_or(0.0, |first| self.now().since(first).as_secs_f64());
+        let views = self.director.views().len() as u32;
+        self.statistics.report(views, self.chain.len(), self.chain.epoch().0, self.clock.divider(), seconds)
+    }
+}

@@ -1,0 +1,191 @@
+//! The backplane: the tokio shell that ties scene, host and boards together.
+//!
+//! [`run`] starts it. One thread, the engine, owns all state: the chain's cores, the scene's selection and the
+//! statistics; everything else moves bytes between sockets and the engine's queue. So there are no locks, and one
+//! place where a frame is made.
+//!
+//! | module | what |
+//! |---|---|
+//! | `links` | sockets of boards and compositors |
+//! | `engine` | the loop: facts in, frames and swaps out |
+//! | `director` | what a frame shows: poses, views, selection |
+//! | `lists` | list scripts from revision to revision |
+//! | `content` | the scene as payloads |
+//! | `statistics` | counts and times |
+//! | `console` | the page, its picture and the JSON statistics |
+
+#[cfg(feature = "console")]
+mod console;
+mod content;
+mod director;
+mod engine;
+mod links;
+mod lists;
+mod statistics;
+
+pub use director::{DefaultRow, Stage};
+pub use statistics::{Dropped, EventEntry, Report, Skipped, StageTimes, TimeSummary};
+
+use crate::host::native::SequenceFilter;
+use content::Content;
+use engine::{Engine, Event};
+use proto::chain::ClockMode;
+use proto::pose::PosePacket;
+use proto::time::Time;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::sync::mpsc::SyncSender;
+use std::time::Instant;
+use thiserror::Error;
+use tokio::net::{TcpListener, UdpSocket};
+use tokio_util::sync::CancellationToken;
+
+/// Facts that may wait for the engine. A burst of 256 boards' reports fits many times over.
+const ENGINE_QUEUE: usize = 8192;
+
+/// How a manager is set up.
+#[derive(Debug)]
+pub struct Config {
+    /// What is shown.
+    pub stage: Stage,
+    /// Real time or lock-step.
+    pub mode: ClockMode,
+    /// End after this many frames.
+    pub frames: Option<u64>,
+    /// Hold the first frame until this many boards are in the row.
+    pub wait_for_boards: usize,
+    /// Hold the first frame until a compositor is there.
+    pub wait_for_compositor: bool,
+    /// Where boards and compositors connect (TCP).
+    pub listen: SocketAddr,
+    /// Where native pose packets arrive (UDP).
+    pub pose_listen: SocketAddr,
+    /// Where the console is served (HTTP); `None`: nowhere.
+    pub console_listen: Option<SocketAddr>,
+    /// Counts frames as they are swapped, for whoever shows progress.
+    pub progress: Arc<AtomicU64>,
+}
+
+/// Where a running manager can be reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Addresses {
+    /// The backplane (TCP).
+    pub backplane: SocketAddr,
+    /// Native pose packets (UDP).
+    pub pose: SocketAddr,
+    /// The console (HTTP).
+    pub console: Option<SocketAddr>,
+}
+
+/// Why a manager can't run.
+#[derive(Debug, Error)]
+pub enum ManagerError {
+    /// A port is taken, or isn't ours to take.
+    #[error("cannot listen on {address} for {what}: {error}; end the program that holds it, or choose another with {option}")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// For what.
+        what: &'static str,
+        /// The option that changes it.
+        option: &'static str,
+        /// The reason.
+        error: std::io::Error,
+    },
+    /// A thread couldn't be started.
+    #[error("cannot start the engine: {0}")]
+    Thread(std::io::Error),
+    /// The engine panicked: our own mistake.
+    #[error("the engine ended unexpectedly; please report this with the log")]
+    Engine,
+}
+
+/// Runs the manager until `shutdown`, or until its frames are done. `listening` hears the addresses once all are open.
+///
+/// # Errors
+/// [`ManagerError`].
+pub async fn run(
+    config: Config,
+    shutdown: CancellationToken,
+    listening: impl FnOnce(Addresses),
+) -> Result<Report, ManagerError> {
+    let cannot = |address, what, option| move |error| ManagerError::Listen { address, what, option, error };
+    let failed = cannot(config.listen, "boards", "--listen");
+    let backplane = TcpListener::bind(config.listen).await.map_err(failed)?;
+    let failed = cannot(config.pose_listen, "pose packets", "--pose-listen");
+    let poses = Arc::new(UdpSocket::bind(config.pose_listen).await.map_err(failed)?);
+    let console = match config.console_listen {
+        Some(address) if cfg!(feature = "console") => {
+            Some(TcpListener::bind(address).await.map_err(cannot(address, "the console", "--console"))?)
+        }
+        _ => None,
+    };
+    let addresses = Addresses {
+        backplane: backplane.local_addr().map_err(ManagerError::Thread)?,
+        pose: poses.local_addr().map_err(ManagerError::Thread)?,
+        console: console.as_ref().and_then(|listener| listener.local_addr().ok()),
+    };
+
+    let content = Arc::new(Content::of(&config.stage.scene));
+    let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
+    let started = Instant::now();
+    let engine = Engine::new(config, content.clone(), poses.clone(), started);
+    let (ended, end) = tokio::sync::oneshot::channel();
+    std::thread::Builder::new()
+        .name("engine".into())
+        // The receiver only goes away when the whole manager is being dropped.
+        .spawn(move || drop(ended.send(engine.run(&inbox))))
+        .map_err(ManagerError::Thread)?;
+
+    let mut tasks = tokio::task::JoinSet::new();
+    tasks.spawn(links::listen(backplane, facts.clone(), content));
+    tasks.spawn(receive_poses(poses, facts.clone(), started));
+    #[cfg(feature = "console")]
+    if let Some(listener) = console {
+        tasks.spawn(console::serve(listener, facts.clone()));
+    }
+    listening(addresses);
+
+    let mut end = std::pin::pin!(end);
+    let report = tokio::select! {
+        report = &mut end => report,
+        () = shutdown.cancelled() => {
+            links::post(&facts, Event::Shutdown).await;
+            end.await
+        }
+    };
+    // Goodbyes are queued; their writers get a moment to flush them.
+    tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    tasks.shutdown().await;
+    report.map_err(|_| ManagerError::Engine)
+}
+
+async fn receive_poses(socket: Arc<UdpSocket>, engine: SyncSender<Event>, started: Instant) {
+    let mut filter = SequenceFilter::default();
+    let mut datagram = vec![0; 65_536];
+    loop {
+        let (len, from) = match socket.recv_from(&mut datagram).await {
+            Ok(received) => received,
+            Err(error) => {
+                // A host that is gone comes back as "connection refused" on some systems: no reason to stop listening.
+                tracing::debug!(%error, "pose socket");
+                continue;
+            }
+        };
+        let now = Time(started.elapsed().as_nanos() as u64);
+        let event = match PosePacket::decode(&datagram[..len]) {
+            Ok(packet) => {
+                let freshness = filter.on_packet(now, from, packet.sequence);
+                Event::Pose { packet, from, received: now, freshness }
+            }
+            Err(error) => {
+                tracing::debug!(%from, %error, "pose packet dropped");
+                Event::BadPose
+            }
+        };
+        if !links::post(&engine, event).await {
+            return;
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! What a rig has done, under the names of operations.md: counters, distributions of times, and a log of events.
+
+use hdrhistogram::Histogram;
+use proto::message::BoardReport;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Events kept for the console and the final report; older ones are counted only.
+const EVENTS_MAX: usize = 1000;
+/// Longest time that a distribution tells apart from longer ones, ns: a minute.
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// A distribution of times; resolution about a thousandth.
+#[derive(Clone, Debug)]
+pub(crate) struct Times(Histogram<u64>);
+
+impl Default for Times {
+    fn default() -> Self {
+        Self(Histogram::new_with_bounds(1000, LONGEST_NS, 3).expect("the bounds are constants in order"))
+    }
+}
+
+impl Times {
+    pub(crate) fn add(&mut self, time: Duration) {
+        self.0.saturating_record(u64::try_from(time.as_nanos()).unwrap_or(LONGEST_NS));
+    }
+
+    fn summary(&self) -> TimeSummary {
+        let ms = |ns: u64| (ns as f64 / 1e3).round() / 1e3;
+        let at = |q| if self.0.is_empty() { 0.0 } else { ms(self.0.value_at_quantile(q)) };
+        TimeSummary { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: ms(self.0.max()) }
+    }
+}
+
+/// Milliseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct TimeSummary {
+    /// Median.
+    pub p50: f64,
+    /// 99 % are below.
+    pub p99: f64,
+    /// 99.9 % are below.
+    pub p999: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// One line of the event log.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EventEntry {
+    /// Seconds since the manager's start.
+    pub time_s: f64,
+    /// The frame that was to open next.
+    pub frame: u64,
+    /// `joined`, `left`, `lost`, `refused`, `put out`, …
+    pub event: &'static str,
+    /// Who and why.
+    pub detail: String,
+}
+
+/// Times by stage, ms.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct StageTimes {
+    /// Culling and sorting, all views.
+    pub select: TimeSummary,
+    /// Encoding and queueing for all boards.
+    pub stream: TimeSummary,
+    /// A board's geometry.
+    pub geometry: TimeSummary,
+    /// A board's raster.
+    pub raster: TimeSummary,
+    /// A board's translucency.
+    pub translucency: TimeSummary,
+    /// A board's resolve.
+    pub resolve: TimeSummary,
+    /// A board's comparing and sending of tiles.
+    pub transfer: TimeSummary,
+    /// The compositor's stitching.
+    pub stitch: TimeSummary,
+}
+
+/// What was not done because the scene didn't need it; sums over all frames.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Skipped {
+    /// Subobjects outside the view.
+    pub culled: u64,
+    /// Objects under the size that is drawn.
+    pub small: u64,
+    /// Subobjects beyond the visibility range.
+    pub faded: u64,
+    /// Triangles, blocks and pixels behind what was drawn already.
+    pub occluded: u64,
+    /// Triangles that show their back.
+    pub backface: u64,
+    /// Tiles without a translucent fragment.
+    pub tiles_opaque: u64,
+    /// Pixels shaded once.
+    pub pixels_single: u64,
+    /// Tiles drawn and not sent.
+    pub tiles_unchanged: u64,
+    /// Frames not drawn again, counted per board.
+    pub frames_unchanged: u64,
+    /// Meshes and textures that a joining board had kept.
+    pub meshes_cached: u64,
+}
+
+/// Things from outside that were dropped.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Dropped {
+    /// Pose packets that were none.
+    pub pose_packets: u64,
+    /// Pose packets that were not newer than the last.
+    pub stale_poses: u64,
+    /// Entities that the scene doesn't have.
+    pub unknown_entities: u64,
+    /// Connections that didn't speak our protocol.
+    pub connections: u64,
+    /// Frames for a board whose queue was full.
+    pub board_frames: u64,
+}
+
+/// A rig's statistics, ready to print.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Frames swapped.
+    pub frames: u64,
+    /// Number of views.
+    pub views: u32,
+    /// Boards in the row now.
+    pub boards: usize,
+    /// Wirings so far.
+    pub epochs: u64,
+    /// Frames in which some view repeated.
+    pub late_frames: u64,
+    /// Views that repeated.
+    pub repeated_views: u64,
+    /// Seconds since the first frame opened.
+    pub seconds: f64,
+    /// How many nominal periods a frame takes at present.
+    pub rate_divider: u32,
+    /// From open to swap, ms.
+    pub frame_ms: TimeSummary,
+    /// From the host's packet to the swap, ms.
+    pub latency_ms: TimeSummary,
+    /// By stage, ms.
+    pub stage_ms: StageTimes,
+    /// Mean bytes of frame messages per frame, all boards.
+    pub bytes_to_boards_per_frame: f64,
+    /// Mean bytes of tiles per frame, all boards.
+    pub bytes_from_boards_per_frame: f64,
+    /// Triangles that came into geometry, all boards and frames.
+    pub triangles: u64,
+    /// Translucent fragments, likewise.
+    pub fragments: u64,
+    /// What was not done.
+    pub skipped: Skipped,
+    /// What was not taken.
+    pub dropped: Dropped,
+    /// The newest events.
+    pub events: Vec<EventEntry>,
+}
+
+/// The running counts behind a [`Report`].
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Statistics {
+    pub frames: u64,
+    pub late_frames: u64,
+    pub repeated_views: u64,
+    pub frame: Times,
+    pub latency: Times,
+    pub select: Times,
+    pub stream: Times,
+    pub geometry: Times,
+    pub raster: Times,
+    pub translucency: Times,
+    pub resolve: Times,
+    pub transfer: Times,
+    pub stitch: Times,
+    pub bytes_to_boards: u64,
+    pub bytes_from_boards: u64,
+    pub triangles: u64,
+    pub fragments: u64,
+    pub skipped: Skipped,
+    pub dropped: Dropped,
+    events: VecDeque<EventEntry>,
+}
+
+impl Statistics {
+    pub(crate) fn on_board_report(&mut self, report: &BoardReport) {
+        self.triangles += report.triangles;
+        self.fragments += report.fragments;
+        self.bytes_from_boards += report.tile_bytes;
+        self.skipped.backface += report.backface;
+        self.skipped.occluded += report.occluded;
+        self.skipped.tiles_opaque += report.tiles_opaque;
+        self.skipped.pixels_single += report.pixels_single;
+        self.skipped.tiles_unchanged += report.tiles_unchanged;
+        self.skipped.frames_unchanged += report.frames_unchanged;
+        if report.frames_unchanged == 0 {
+            self.geometry.add(Duration::from_nanos(report.geometry_ns));
+            self.raster.add(Duration::from_nanos(report.raster_ns));
+            self.translucency.add(Duration::from_nanos(report.translucency_ns));
+            self.resolve.add(Duration::from_nanos(report.resolve_ns));
+        }
+        self.transfer.add(Duration::from_nanos(report.transfer_ns));
+    }
+
+    pub(crate) fn on_event(&mut self, time: Duration, frame: u64, event: &'static str, detail: String) {
+        tracing::info!(frame, "{event}: {detail}");
+        if self.events.len() >= EVENTS_MAX {
+            self.events.pop_front();
+        }
+        self.events.push_back(EventEntry { time_s: (time.as_secs_f64() * 1e3).round() / 1e3, frame, event, detail });
+    }
+
+    pub(crate) fn report(&self, views: u32, boards: usize, epochs: u64, divider: u32, seconds: f64) -> Report {
+        let per_frame = |sum: u64| (sum as f64 / self.frames.max(1) as f64 * 10.0).round() / 10.0;
+        Report {
+            frames: self.frames,
+            views,
+            boards,
+            epochs,
+            late_frames: self.late_frames,
+            repeated_views: self.repeated_views,
+            seconds: (seconds * 1e3).round() / 1e3,
+            rate_divider: divider,
+            frame_ms: self.frame.summary(),
+            latency_ms: self.latency.summary(),
+            stage_ms: StageTimes {
+                select: self.select.summary(),
+                stream: self.stream.summary(),
+                geometry: self.geometry.summary(),
+                raster: self.raster.summary(),
+                translucency: self.translucency.summary(),
+                resolve: self.resolve.summary(),
+                transfer: self.transfer.summary(),
+                stitch: self.stitch.summary(),
+            },
+            bytes_to_boards_per_frame: per_frame(self.bytes_to_boards),
+            bytes_from_boards_per_frame: per_frame(self.bytes_from_boards),
+            triangles: self.triangles,
+            fragments: self.fragments,
+            skipped: self.skipped,
+            dropped: self.dropped,
+            events: self.events.iter().cloned().collect(),
+        }
+    }
+}
