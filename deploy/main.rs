@@ -1,1 +1,39 @@
-fn main() {}
+//! The `cyclorama` command: a distributed multichannel image generator. Parses, runs, and maps errors to exit codes
+//! (1: failed, 2: usage).
+#![forbid(unsafe_code)]
+
+mod cli;
+mod error;
+mod output;
+mod render;
+mod rig;
+mod rig_file;
+mod serve;
+mod settings;
+mod source;
+
+use clap::Parser;
+use cli::{Cli, Command, HostCommand};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    output::start_log(cli.log.as_deref(), cli.command.as_ref());
+    let result = match cli.command.unwrap_or_default() {
+        Command::Rig(args) => rig::run(&args),
+        Command::Manager(args) => serve::manager(&args),
+        Command::Channel(args) => serve::channel(&args),
+        Command::Compositor(args) => serve::compositor(&args),
+        Command::Host(HostCommand::Play(args)) => serve::host_play(&args),
+        Command::Render(args) => render::run(&args),
+        Command::Inspect(args) => source::inspect(&args),
+        Command::Scene(args) => source::write_scene(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            output::complain(&error);
+            ExitCode::FAILURE
+        }
+    }
+}

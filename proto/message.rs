@@ -27,8 +27,6 @@ pub enum Role {
         threads: u32,
         /// Where its right neighbour can reach it, `host:port`.
         link: String,
-        /// The tables it has kept from before, if any; when they are the rig's, its meshes are complete too.
-        scene: Option<ContentId>,
     },
     /// A compositor.
     Compositor {

@@ -73,6 +73,8 @@ pub struct FrameClock {
     open: Option<Open>,
     /// Lock-step: the frame that the compositor is to show before the next opens.
     presenting: Option<FrameNumber>,
+    /// Lock-step: the next frame has been open before.
+    is_redraw: bool,
     views: u32,
     outputs: VecDeque<ClockOutput>,
 }
@@ -91,6 +93,7 @@ impl FrameClock {
             next_tick: Time(0),
             open: None,
             presenting: None,
+            is_redraw: false,
             views,
             outputs: VecDeque::new(),
         }
@@ -99,6 +102,11 @@ impl FrameClock {
     /// The number of the frame that would open next.
     pub fn next_frame(&self) -> FrameNumber {
         self.next_frame
+    }
+
+    /// Whether the next frame is one that has to be drawn again, so that its pose is known already.
+    pub fn is_redraw(&self) -> bool {
+        self.is_redraw
     }
 
     /// The frame being drawn.
@@ -142,6 +150,7 @@ impl FrameClock {
         assert!(self.open.is_none(), "frame {} is still open", self.next_frame);
         let frame = self.next_frame;
         self.next_frame.0 += 1;
+        self.is_redraw = false;
         if let ClockMode::RealTime { .. } = self.mode {
             // Ticks keep their grid; one that was slept through is skipped, not made up for.
             let period = self.rate.period();
@@ -179,6 +188,7 @@ impl FrameClock {
         match (&self.open, self.mode) {
             (Some(open), ClockMode::LockStep) if !open.lost.is_empty() => {
                 self.next_frame = open.frame;
+                self.is_redraw = true;
                 self.open = None;
                 true
             }
@@ -198,6 +208,7 @@ impl FrameClock {
         if self.presenting == Some(frame) {
             self.presenting = None;
             self.next_frame = frame;
+            self.is_redraw = true;
         }
     }
 

@@ -1,0 +1,382 @@
+//! The command line: every flag is defined here once; parsing, `--help` and the tests come from it.
+
+use clap::{Args, Parser, Subcommand};
+use std::net::SocketAddr;
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::PathBuf;
+
+/// A distributed multichannel image generator: what stands behind the projectors of a flight simulator.
+///
+/// Without a command it runs `rig`: manager, boards, compositor and a host that flies the built-in scene, all on this
+/// machine.
+#[derive(Debug, Parser)]
+#[command(
+    name = "cyclorama",
+    version,
+    after_help = "Examples:\n  cyclorama\n  cyclorama rig model.glb --views 3 --boards 5\n  cyclorama render airport --pose 600 --samples 64 -o airport.png"
+)]
+pub(crate) struct Cli {
+    /// What to log: error, warn, info, debug, trace, or a filter like `channel=debug`
+    #[arg(long, global = true, env = "CYCLORAMA_LOG", value_name = "LEVEL")]
+    pub log: Option<String>,
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run a whole rig on this machine: manager, boards, compositor and host as separate processes
+    Rig(Box<RigArgs>),
+    /// Run the scene-manager daemon
+    Manager(Box<ManagerArgs>),
+    /// Run a board: a channel worker
+    Channel(ChannelArgs),
+    /// Run the compositor
+    Compositor(CompositorArgs),
+    /// Be a host
+    #[command(subcommand)]
+    Host(HostCommand),
+    /// Draw one picture, without a network
+    Render(Box<RenderArgs>),
+    /// Say what is in a scene
+    Inspect(InspectArgs),
+    /// Write a built-in scene and its camera path
+    Scene(SceneArgs),
+}
+
+impl Default for Command {
+    fn default() -> Self {
+        Self::Rig(Box::new(RigArgs::parse_from(["rig"])))
+    }
+}
+
+/// What the views look like, for `rig` and `manager`.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct RowArgs {
+    /// How many views stand side by side
+    #[arg(long, env = "CYCLORAMA_VIEWS", value_name = "N")]
+    pub views: Option<NonZeroU32>,
+    /// Size of each view, pixels
+    #[arg(long, env = "CYCLORAMA_SIZE", value_name = "WxH", value_parser = size)]
+    pub size: Option<(u32, u32)>,
+    /// Points looked at in each pixel: 1, 4, 8, 16 or 64
+    #[arg(long, env = "CYCLORAMA_SAMPLES", value_name = "N", value_parser = samples)]
+    pub samples: Option<proto::view::Samples>,
+}
+
+/// Light and air.
+#[derive(Clone, Debug, Default, Args)]
+pub(crate) struct AirArgs {
+    /// A constant background, linear light, instead of the sky
+    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    pub background: Option<[f64; 3]>,
+    /// Direction towards the sun, world frame
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true)]
+    pub sun: Option<[f64; 3]>,
+    /// Visibility range: what is this far away is 98 % faded, m
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub visibility: Option<f64>,
+    /// Colour that things fade to, linear light, instead of the horizon's
+    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    pub fog: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Parser)]
+#[command(
+    after_help = "Example:\n  cyclorama rig --frames 120 --views 3 --boards 3 --size 640x360 --out frames --json\n\nThe console (a page with the picture and the statistics) is at the address that the rig prints."
+)]
+pub(crate) struct RigArgs {
+    /// A glTF file (.glb, .gltf) or the name of a built-in scene
+    #[arg(default_value = "airport")]
+    pub scene: String,
+    #[command(flatten)]
+    pub row: RowArgs,
+    #[command(flatten)]
+    pub air: AirArgs,
+    /// How many boards; as many as views by default
+    #[arg(long, value_name = "N")]
+    pub boards: Option<NonZeroUsize>,
+    /// Frames a second
+    #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = positive)]
+    pub rate: f64,
+    /// How a view is shared between boards
+    #[arg(long, default_value = "interleave", value_parser = ["interleave"])]
+    pub mode: String,
+    /// Camera file to fly; the built-in scene's, `SCENE.path.json`, or a flight round the scene by default
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// End after N frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: Option<u64>,
+    /// Write every stitched frame as frame-00000.png … into this folder; pose k is then frame k and nothing is skipped
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
+    #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
+    pub console: Option<Console>,
+    /// Print the statistics as one JSON object at the end
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Where the console is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Console {
+    Off,
+    At(SocketAddr),
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama manager --rig rig.toml\n  cyclorama manager --scene airport --views 3\n\nPorts: 7400 boards and compositor (TCP), 7401 pose packets (UDP), 7480 console (HTTP)."
+)]
+pub(crate) struct ManagerArgs {
+    /// Rig file (TOML); flags override what it says
+    #[arg(long, env = "CYCLORAMA_RIG", value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// A glTF file or the name of a built-in scene
+    #[arg(long, env = "CYCLORAMA_SCENE")]
+    pub scene: Option<String>,
+    /// Camera file whose first pose is shown until a host speaks
+    #[arg(long, env = "CYCLORAMA_CAMERA", value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    #[command(flatten)]
+    pub row: RowArgs,
+    #[command(flatten)]
+    pub air: AirArgs,
+    /// Frames a second
+    #[arg(long, env = "CYCLORAMA_RATE", value_name = "HZ", value_parser = positive)]
+    pub rate: Option<f64>,
+    /// One frame for each pose, waiting for everybody, instead of a rate
+    #[arg(long)]
+    pub lock_step: bool,
+    /// End after N frames
+    #[arg(long, value_name = "N")]
+    pub frames: Option<u64>,
+    /// Hold the first frame until N boards are there
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub wait_for_boards: usize,
+    /// Hold the first frame until the compositor is there
+    #[arg(long)]
+    pub wait_for_compositor: bool,
+    /// Where boards and the compositor connect (TCP)
+    #[arg(long, env = "CYCLORAMA_LISTEN", value_name = "ADDR")]
+    pub listen: Option<SocketAddr>,
+    /// Where native pose packets arrive (UDP)
+    #[arg(long, env = "CYCLORAMA_POSE_LISTEN", value_name = "ADDR")]
+    pub pose_listen: Option<SocketAddr>,
+    /// Where the console is served (HTTP); `off` for none
+    #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
+    pub console: Option<Console>,
+    /// Allow addresses other than loopback although links are neither encrypted nor authenticated
+    #[arg(long)]
+    pub insecure: bool,
+    /// Print the statistics as one JSON object at the end
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub supervision: Supervision,
+}
+
+/// How `rig` starts its daemons.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct Supervision {
+    /// Report on stdout in JSON lines, and end when stdin ends
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama channel --backplane 127.0.0.1:7400")]
+pub(crate) struct ChannelArgs {
+    /// Where the backplane listens
+    #[arg(long, env = "CYCLORAMA_BACKPLANE", default_value = "127.0.0.1:7400", value_name = "HOST:PORT")]
+    pub backplane: String,
+    /// Where to listen for the neighbour board
+    #[arg(long, env = "CYCLORAMA_LISTEN", default_value = "127.0.0.1:0", value_name = "ADDR")]
+    pub listen: SocketAddr,
+    /// Where the neighbour board reaches this one, if not at the listening address
+    #[arg(long, env = "CYCLORAMA_ADVERTISE", value_name = "HOST:PORT")]
+    pub advertise: Option<String>,
+    /// Threads to draw with; one per processor by default
+    #[arg(long, env = "CYCLORAMA_THREADS", value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+    /// A name for logs and the console; the process number by default
+    #[arg(long, env = "CYCLORAMA_NAME")]
+    pub name: Option<String>,
+    /// Allow addresses other than loopback although links are neither encrypted nor authenticated
+    #[arg(long)]
+    pub insecure: bool,
+    #[command(flatten)]
+    pub supervision: Supervision,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames")]
+pub(crate) struct CompositorArgs {
+    /// Where the backplane listens
+    #[arg(long, env = "CYCLORAMA_BACKPLANE", default_value = "127.0.0.1:7400", value_name = "HOST:PORT")]
+    pub backplane: String,
+    /// Where to listen for boards
+    #[arg(long, env = "CYCLORAMA_LISTEN", default_value = "127.0.0.1:0", value_name = "ADDR")]
+    pub listen: SocketAddr,
+    /// Write every stitched frame as frame-00000.png … into this folder
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Allow addresses other than loopback although links are neither encrypted nor authenticated
+    #[arg(long)]
+    pub insecure: bool,
+    #[command(flatten)]
+    pub supervision: Supervision,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum HostCommand {
+    /// Send a camera file as pose packets
+    Play(HostPlayArgs),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama host play flight.json --to 127.0.0.1:7401 --rate 60 --repeat")]
+pub(crate) struct HostPlayArgs {
+    /// The camera file
+    pub file: PathBuf,
+    /// Where the manager takes pose packets
+    #[arg(long, default_value = "127.0.0.1:7401", value_name = "HOST:PORT")]
+    pub to: String,
+    /// Poses a second, for files without times; files with times are flown by those
+    #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = positive)]
+    pub rate: f64,
+    /// Send the next pose only when the manager has shown the last
+    #[arg(long)]
+    pub lock_step: bool,
+    /// Begin again at the end
+    #[arg(long)]
+    pub repeat: bool,
+    /// Size of the default views: sends the poses' field of view along
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<(u32, u32)>,
+    #[command(flatten)]
+    pub supervision: Supervision,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama render airport --pose 600 -o airport.png\n  cyclorama render model.glb --camera path.json --samples 64 --size 1920x1080 -o picture.png --stats"
+)]
+pub(crate) struct RenderArgs {
+    /// A glTF file (.glb, .gltf) or the name of a built-in scene
+    pub scene: String,
+    /// Camera file; the built-in scene's, `SCENE.path.json`, or a look at the whole scene by default
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Which pose of the camera file, from 0
+    #[arg(long, default_value_t = 0, value_name = "K")]
+    pub pose: usize,
+    /// Size of the picture, pixels
+    #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Points looked at in each pixel: 1, 4, 8, 16 or 64
+    #[arg(long, default_value = "16", value_name = "N", value_parser = samples)]
+    pub samples: proto::view::Samples,
+    #[command(flatten)]
+    pub air: AirArgs,
+    /// Threads to draw with; one per processor by default
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+    /// Draw in the shares of this many boards, and stitch; the picture is the same
+    #[arg(long, default_value = "1", value_name = "N")]
+    pub boards: NonZeroUsize,
+    /// How the picture is shared between boards
+    #[arg(long, default_value = "interleave", value_parser = ["interleave"])]
+    pub mode: String,
+    /// The picture to write (.png)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Print times and counts as JSON
+    #[arg(long)]
+    pub stats: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama inspect model.glb")]
+pub(crate) struct InspectArgs {
+    /// A glTF file (.glb, .gltf) or the name of a built-in scene
+    pub scene: String,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama scene airport -o airport.glb")]
+pub(crate) struct SceneArgs {
+    /// Name of the scene: airport
+    pub name: String,
+    /// The file to write; the camera path goes beside it, as NAME.path.json
+    #[arg(short, long, value_name = "FILE.glb")]
+    pub output: PathBuf,
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    let limit = proto::limits::VIEW_SIZE_MAX;
+    match parsed {
+        Some((w, h)) if (1..=limit).contains(&w) && (1..=limit).contains(&h) => Ok((w, h)),
+        _ => Err(format!("expected WIDTHxHEIGHT in pixels, each 1 to {limit}, as in 1280x720")),
+    }
+}
+
+fn samples(text: &str) -> Result<proto::view::Samples, String> {
+    let count = text.parse().ok().and_then(proto::view::Samples::from_count);
+    count.ok_or_else(|| "expected 1, 4, 8, 16 or 64".into())
+}
+
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    let parts: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let finite = parts.filter(|parts| parts.iter().all(|p: &f64| p.is_finite()));
+    finite.and_then(|parts| parts.try_into().ok()).ok_or_else(|| "expected three numbers, as in 0.5,0.6,0.7".into())
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0);
+    number.ok_or_else(|| "expected a number above zero".into())
+}
+
+fn console(text: &str) -> Result<Console, String> {
+    if text == "off" {
+        return Ok(Console::Off);
+    }
+    text.parse().map(Console::At).map_err(|_| "expected an address like 127.0.0.1:7480, or `off`".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_commands_help_ends_with_an_example() {
+        for command in Cli::command().get_subcommands_mut() {
+            let help = match command.get_subcommands_mut().next() {
+                Some(inner) => inner.render_long_help().to_string(),
+                None => command.render_long_help().to_string(),
+            };
+            assert!(help.contains("Example"), "{}", command.get_name());
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused_with_an_example() {
+        assert_eq!(size("640x360"), Ok((640, 360)));
+        assert!(size("0x5").is_err() && size("640").unwrap_err().contains("1280x720"));
+        assert!(triple("1,2").is_err() && triple("nan,0,0").is_err());
+        assert!(positive("-1").is_err() && positive("inf").is_err());
+        assert_eq!(console("off"), Ok(Console::Off));
+    }
+}

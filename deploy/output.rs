@@ -1,0 +1,39 @@
+//! Everything that the command prints: results to stdout, complaints and progress to stderr, and the log.
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "this is the one place that prints")]
+
+use crate::cli::Command;
+use crate::error::CommandError;
+use std::io::{IsTerminal, Write};
+use tracing_subscriber::EnvFilter;
+
+/// Starts the log on stderr. Daemons say what happens, the other commands only what goes wrong.
+pub(crate) fn start_log(level: Option<&str>, command: Option<&Command>) {
+    let is_daemon = matches!(command, Some(Command::Manager(_) | Command::Channel(_) | Command::Compositor(_)));
+    let default = if is_daemon { "info" } else { "warn" };
+    let filter = EnvFilter::try_new(level.unwrap_or(default)).unwrap_or_else(|_| EnvFilter::new(default));
+    // A second start (in tests) keeps the first.
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .try_init();
+}
+
+/// An error, in one line.
+pub(crate) fn complain(error: &CommandError) {
+    let text = error.to_string().replace('\n', " ");
+    eprintln!("cyclorama: {text}");
+}
+
+/// A line for people on stderr, where it doesn't mix with results.
+pub(crate) fn note(line: &str) {
+    eprintln!("{line}");
+}
+
+/// A line of result.
+pub(crate) fn say(line: &str) {
+    let mut out = std::io::stdout().lock();
+    // Whoever reads us may have gone away; that is no failure of ours.
+    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+}

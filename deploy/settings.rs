@@ -1,0 +1,187 @@
+//! From flags, environment and rig file to the configuration that runs: flags win over environment (clap sees to
+//! that), both win over the file, and the defaults are here.
+
+use crate::cli::{AirArgs, Console, ManagerArgs, RowArgs};
+use crate::error::CommandError;
+use crate::rig_file::{Air, RigFile, ViewEntry};
+use crate::source;
+use glam::{DQuat, DVec3};
+use manager::backplane::{Config, DefaultRow, Stage};
+use manager::host::camera::{CameraFile, FOV_DEFAULT_DEG};
+use manager::scene::Scene;
+use proto::chain::ClockMode;
+use proto::frame::{Background, Environment};
+use proto::limits;
+use proto::view::{Pose, Samples, Tangents, View};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Default number of views.
+pub(crate) const VIEWS: u32 = 3;
+/// Default size of a view, pixels.
+pub(crate) const SIZE: (u32, u32) = (1280, 720);
+/// Default points per pixel.
+pub(crate) const SAMPLES: Samples = Samples::Sixteen;
+const RATE_HZ: f64 = 60.0;
+const PORT_BACKPLANE: u16 = 7400;
+const PORT_POSE: u16 = 7401;
+/// Default port of the console.
+pub(crate) const PORT_CONSOLE: u16 = 7480;
+
+/// An address on this machine.
+pub(crate) fn loopback(port: u16) -> SocketAddr {
+    SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port)
+}
+
+/// Refuses an address beyond this machine unless it was asked for in so many words.
+pub(crate) fn guard(address: SocketAddr, is_insecure: bool) -> Result<SocketAddr, CommandError> {
+    if address.ip().is_loopback() || is_insecure {
+        return Ok(address);
+    }
+    Err(CommandError::said(format!(
+        "{address} is not on this machine, and links are not encrypted yet; on a network that you trust, say --insecure"
+    )))
+}
+
+/// The default row of views.
+pub(crate) fn row(args: &RowArgs, file: &RigFile) -> Result<DefaultRow, CommandError> {
+    let file_samples = file.row.samples.map(samples).transpose()?;
+    let file_size = file.row.size.map(|[width, height]| (width, height));
+    let (width, height) = args.size.or(file_size).unwrap_or(SIZE);
+    Ok(DefaultRow {
+        count: args.views.or(file.row.views).map_or(VIEWS, std::num::NonZeroU32::get),
+        width,
+        height,
+        samples: args.samples.or(file_samples).unwrap_or(SAMPLES),
+    })
+}
+
+fn samples(count: u32) -> Result<Samples, CommandError> {
+    Samples::from_count(count).ok_or_else(|| CommandError::said(format!("samples = {count}: possible are 1, 4, 8, 16 and 64")))
+}
+
+/// Light and air.
+pub(crate) fn environment(args: &AirArgs, file: &Air) -> Result<Environment, CommandError> {
+    let mut environment = Environment::default();
+    let narrow = |rgb: [f64; 3]| rgb.map(|c| c as f32);
+    if let Some(rgb) = args.background.or(file.background) {
+        environment.background = Background::Constant(narrow(rgb));
+    }
+    if let Some(sun) = args.sun.or(file.sun) {
+        let direction = DVec3::from_array(sun).try_normalize();
+        let no_direction = || CommandError::said("the direction towards the sun has no length");
+        environment.sun_direction = direction.ok_or_else(no_direction)?;
+    }
+    environment.visibility_m = args.visibility.or(file.visibility_m);
+    if environment.visibility_m.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
+        return Err(CommandError::said("the visibility must be above zero"));
+    }
+    environment.fog = args.fog.or(file.fog).map(narrow);
+    Ok(environment)
+}
+
+fn view(entry: &ViewEntry) -> Result<View, CommandError> {
+    let [width, height] = entry.size;
+    let tangents = match (entry.tangents, entry.vertical_fov_deg) {
+        (Some(tangents), None) => tangents,
+        (None, fov) => Tangents::symmetric(fov.unwrap_or(FOV_DEFAULT_DEG), width.max(1), height.max(1)),
+        (Some(_), Some(_)) => {
+            return Err(CommandError::said(format!("view {:?} has both tangents and vertical_fov_deg; keep one", entry.name)));
+        }
+    };
+    // Yaw to the right, pitch up, roll right side down, in this order.
+    let orientation = DQuat::from_rotation_y(-entry.yaw_deg.to_radians())
+        * DQuat::from_rotation_x(entry.pitch_deg.to_radians())
+        * DQuat::from_rotation_z(-entry.roll_deg.to_radians());
+    let view = View {
+        offset: Pose { position: DVec3::from_array(entry.offset_m), orientation },
+        tangents,
+        width,
+        height,
+        near: entry.near_m.unwrap_or(View::NEAR_DEFAULT),
+        samples: entry.samples.map(samples).transpose()?.unwrap_or(SAMPLES),
+    };
+    if view.is_valid() {
+        Ok(view)
+    } else {
+        let largest = limits::VIEW_SIZE_MAX;
+        Err(CommandError::said(format!(
+            "view {:?}: sizes must be 1 to {largest} pixels, near_m above zero, left < right and bottom < top",
+            entry.name
+        )))
+    }
+}
+
+/// What the manager shows.
+pub(crate) fn stage(
+    scene: Scene,
+    camera: &CameraFile,
+    args: &RowArgs,
+    air: &AirArgs,
+    file: &RigFile,
+) -> Result<Stage, CommandError> {
+    let first = &camera.poses[0];
+    let eye = first.pose().map_err(|error| CommandError::said(error.to_string()))?;
+    let environment = environment(air, &file.air)?;
+    let (views, row) = if file.views.is_empty() || args.views.is_some() {
+        let row = row(args, file)?;
+        (row.views(first.lens(row.width, row.height)), Some(row))
+    } else {
+        (file.views.iter().map(view).collect::<Result<Vec<_>, _>>()?, None)
+    };
+    if views.len() > limits::VIEWS_MAX || !views.iter().all(View::is_valid) {
+        return Err(CommandError::said(format!("{} views; possible are 1 to {}", views.len(), limits::VIEWS_MAX)));
+    }
+    Ok(Stage { scene: Arc::new(scene), views, row, environment, eye })
+}
+
+/// The manager's configuration.
+pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
+    let file = args.rig.as_deref().map(RigFile::read).transpose()?.unwrap_or_default();
+    let scene = args.scene.clone().or(file.scene.clone()).unwrap_or_else(|| "airport".into());
+    let camera = args.camera.clone().or(file.camera.clone().map(PathBuf::from));
+    let listen = args.listen.or(file.ports.backplane).unwrap_or(loopback(PORT_BACKPLANE));
+    let pose_listen = args.pose_listen.or(file.ports.pose).unwrap_or(loopback(PORT_POSE));
+    let console = match (args.console, file.ports.console) {
+        (Some(Console::Off), _) => None,
+        (Some(Console::At(address)), _) | (None, Some(address)) => Some(address),
+        (None, None) => Some(loopback(PORT_CONSOLE)),
+    };
+    for address in [Some(listen), Some(pose_listen), console].into_iter().flatten() {
+        guard(address, args.insecure)?;
+    }
+    let rate = args.rate.or(file.rate_hz).unwrap_or(RATE_HZ);
+    if !(rate.is_finite() && (0.01..=10_000.0).contains(&rate)) {
+        return Err(CommandError::said(format!("a rate of {rate} Hz; possible are 0.01 to 10 000")));
+    }
+    let mode = if args.lock_step {
+        ClockMode::LockStep
+    } else {
+        ClockMode::RealTime { period: Duration::from_secs_f64(1.0 / rate) }
+    };
+    let source = source::load(&scene, camera.as_deref())?;
+    Ok(Config {
+        stage: stage(source.scene, &source.camera, &args.row, &args.air, &file)?,
+        mode,
+        frames: args.frames,
+        wait_for_boards: args.wait_for_boards,
+        wait_for_compositor: args.wait_for_compositor,
+        listen,
+        pose_listen,
+        console_listen: console,
+        progress: Arc::default(),
+    })
+}
+
+/// For the test that reads every example: its views must be usable too.
+#[cfg(test)]
+pub(crate) fn check_example(file: &RigFile) {
+    for entry in &file.views {
+        view(entry).unwrap_or_else(|error| panic!("{error}"));
+    }
+    let args = RowArgs { views: None, size: None, samples: None };
+    row(&args, file).unwrap_or_else(|error| panic!("{error}"));
+    environment(&AirArgs::default(), &file.air).unwrap_or_else(|error| panic!("{error}"));
+}
