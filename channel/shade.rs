@@ -214,6 +214,10 @@ struct Face {
     constant: Option<[f32; 4]>,
     /// Transformed coordinates of the base and the emissive texture at the corners, if the material has them.
     uv: [Option<[[f64; 2]; 3]>; 2],
+    /// Change of [`Place::sum`] per sub-pixel, to the right and downwards.
+    sum_steps: [f64; 2],
+    /// Likewise of u and v times that sum, for both textures.
+    uv_steps: [[[f64; 2]; 2]; 2],
     /// Base colour factor times vertex colour, at the corners.
     base: [[f32; 4]; 3],
     /// Whether these differ.
@@ -263,6 +267,14 @@ impl Face {
         };
         let uv =
             |usage: &Option<TextureUse>| usage.as_ref().map(|u| corners.mix(vertices.map(|v| texcoord(mesh, u, v))));
+        let uv = [uv(&material.base_texture), uv(&material.emissive_texture)];
+        let steps = part_steps(triangle);
+        let uv_steps = uv.map(|uv| {
+            let uv = uv.unwrap_or_default();
+            let along =
+                |step: [f64; 3], axis: usize| step[0] * uv[0][axis] + step[1] * uv[1][axis] + step[2] * uv[2][axis];
+            [0, 1].map(|axis| steps.map(|step| along(step, axis)))
+        });
         let mut face = Self {
             x: triangle.x,
             y: triangle.y,
@@ -271,7 +283,9 @@ impl Face {
             area: area_twice_of(triangle),
             item: triangle.item,
             constant: None,
-            uv: [uv(&material.base_texture), uv(&material.emissive_texture)],
+            uv,
+            sum_steps: steps.map(|step| step[0] + step[1] + step[2]),
+            uv_steps,
             base,
             is_coloured: base[0] != base[1] || base[0] != base[2],
             emissive: material.emissive,
@@ -369,7 +383,7 @@ impl Face {
         let place = self.place(x, y);
         let w = place.weights();
         let at = [0, 1].map(|axis| uv[0][axis] * w[0] + uv[1][axis] * w[1] + uv[2][axis] * w[2]);
-        self.level(texture, &uv, &place, at)
+        self.level(texture, 0, &place, at)
     }
 
     /// What texture `which` shows there, at the given level or at the one of the pixel's footprint there.
@@ -390,27 +404,27 @@ impl Face {
         let (Some(texture), Some(usage), Some(uv)) = (texture, usage, self.uv[which]) else { return [1.0; 4] };
         let at = |axis: usize| uv[0][axis] * weights[0] + uv[1][axis] * weights[1] + uv[2][axis] * weights[2];
         let (u, v) = (at(0), at(1));
-        let level = level.unwrap_or_else(|| self.level(texture, &uv, place, [u, v]));
+        let level = level.unwrap_or_else(|| self.level(texture, which, place, [u, v]));
         texture.sample(usage, u, v, level)
     }
 
     /// The mip level at a place with coordinates `at`: u = U/S with U and S affine on the screen, so du = (dU − u dS)/S.
-    fn level(&self, texture: &MipTexture, uv: &[[f64; 2]; 3], place: &Place, at: [f64; 2]) -> f32 {
-        let mut gradients = [[0.0; 2]; 2];
-        // Change of each corner's part per pixel to the right and downwards.
-        let steps: [[f64; 3]; 2] = [
-            std::array::from_fn(|k| f64::from(self.y[(k + 1) % 3] - self.y[(k + 2) % 3]) * self.q[k]),
-            std::array::from_fn(|k| f64::from(self.x[(k + 2) % 3] - self.x[(k + 1) % 3]) * self.q[k]),
-        ];
-        for (direction, step) in steps.iter().enumerate() {
-            let sum = step[0] + step[1] + step[2];
-            for axis in 0..2 {
-                let change = step[0] * uv[0][axis] + step[1] * uv[1][axis] + step[2] * uv[2][axis];
-                gradients[axis][direction] = (change - at[axis] * sum) / place.sum * f64::from(SUBPIXELS);
-            }
-        }
-        detail(texture.size(), gradients[0], gradients[1])
+    fn level(&self, texture: &MipTexture, which: usize, place: &Place, at: [f64; 2]) -> f32 {
+        let scale = f64::from(SUBPIXELS) / place.sum;
+        let slope = |axis: usize, direction: usize| {
+            (self.uv_steps[which][axis][direction] - at[axis] * self.sum_steps[direction]) * scale
+        };
+        detail(texture.size(), [slope(0, 0), slope(0, 1)], [slope(1, 0), slope(1, 1)])
     }
+}
+
+/// Change of a corner's part (see [`Place`]) per sub-pixel, to the right and downwards, for each corner.
+fn part_steps(triangle: &Triangle) -> [[f64; 3]; 2] {
+    let (x, y, q) = (triangle.x, triangle.y, triangle.q);
+    [
+        std::array::from_fn(|k| f64::from(y[(k + 1) % 3] - y[(k + 2) % 3]) * q[k]),
+        std::array::from_fn(|k| f64::from(x[(k + 2) % 3] - x[(k + 1) % 3]) * q[k]),
+    ]
 }
 
 /// How a triangle's corners lie on its face.

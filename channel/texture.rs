@@ -80,7 +80,9 @@ impl Texels for Level<u16> {
 
     #[inline]
     fn texel(&self, x: u32, y: u32) -> [f32; 4] {
-        self.texels[y as usize * self.width as usize + x as usize].map(|c| f32::from(c) * (1.0 / 65_535.0))
+        let [r, g, b, a] = self.texels[y as usize * self.width as usize + x as usize];
+        let scale = 1.0 / 65_535.0;
+        [f32::from(r) * scale, f32::from(g) * scale, f32::from(b) * scale, f32::from(a) * scale]
     }
 }
 
@@ -225,10 +227,10 @@ fn bilinear(level: &impl Texels, usage: &TextureUse, u: f64, v: f64) -> [f32; 4]
     let (x, y) = (texels_along(u, w, usage.wrap_u) - 0.5, texels_along(v, h, usage.wrap_v) - 0.5);
     let (x0, y0) = (floor(x), floor(y));
     let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-    let columns = [wrapped(x0, w, usage.wrap_u), wrapped(x0 + 1, w, usage.wrap_u)];
-    let rows = [wrapped(y0, h, usage.wrap_v), wrapped(y0 + 1, h, usage.wrap_v)];
-    let [a, b] = columns.map(|x| level.texel(x, rows[0]));
-    let [c, d] = columns.map(|x| level.texel(x, rows[1]));
+    let (left, right) = (wrapped(x0, w, usage.wrap_u), wrapped(x0 + 1, w, usage.wrap_u));
+    let (above, below) = (wrapped(y0, h, usage.wrap_v), wrapped(y0 + 1, h, usage.wrap_v));
+    let (a, b) = (level.texel(left, above), level.texel(right, above));
+    let (c, d) = (level.texel(left, below), level.texel(right, below));
     std::array::from_fn(|k| {
         let upper = a[k] + (b[k] - a[k]) * fx;
         let lower = c[k] + (d[k] - c[k]) * fx;

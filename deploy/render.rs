@@ -153,7 +153,10 @@ fn placed(scene: &Scene, pose: &CameraPose) -> Result<Entities, CommandError> {
     let mut entities = Entities::new(scene);
     for entity in &pose.entities {
         let Some(node) = scene.node_by_name(&entity.node) else {
-            return Err(CommandError::said(format!("the camera moves {:?}, but the scene has no such node", entity.node)));
+            return Err(CommandError::said(format!(
+                "the camera moves {:?}, but the scene has no such node",
+                entity.node
+            )));
         };
         let at = Pose::checked(DVec3::from_array(entity.position), DQuat::from_array(entity.orientation));
         entities.set(scene, node, at.map_err(|error| CommandError::said(error.to_string()))?);

@@ -226,7 +226,8 @@ fn bar(frames: u64) -> ProgressBar {
 }
 
 fn own_command(args: &[&str]) -> Result<Command, CommandError> {
-    let program = std::env::current_exe().map_err(|error| CommandError::said(format!("own program not found: {error}")))?;
+    let program =
+        std::env::current_exe().map_err(|error| CommandError::said(format!("own program not found: {error}")))?;
     let mut command = Command::new(program);
     command.args(args).arg("--supervised").stdin(Stdio::piped()).kill_on_drop(true);
     if std::env::var_os("CYCLORAMA_LOG").is_none() {
@@ -282,16 +283,14 @@ fn console(asked: Option<Console>) -> String {
 }
 
 fn air_flags(args: &RigArgs) -> Vec<String> {
-    let triple = |name: &str, value: Option<[f64; 3]>| {
-        value.map(|[x, y, z]| [format!("--{name}"), format!("{x},{y},{z}")])
-    };
+    let triple =
+        |name: &str, value: Option<[f64; 3]>| value.map(|[x, y, z]| [format!("--{name}"), format!("{x},{y},{z}")]);
     let air = &args.air;
-    let mut flags: Vec<String> =
-        [triple("background", air.background), triple("sun", air.sun), triple("fog", air.fog)]
-            .into_iter()
-            .flatten()
-            .flatten()
-            .collect();
+    let mut flags: Vec<String> = [triple("background", air.background), triple("sun", air.sun), triple("fog", air.fog)]
+        .into_iter()
+        .flatten()
+        .flatten()
+        .collect();
     if let Some(visibility) = air.visibility {
         flags.extend(["--visibility".into(), visibility.to_string()]);
     }

@@ -100,9 +100,9 @@ fn suggest(message: &str) -> String {
     match (message.starts_with("unknown field"), quoted.next()) {
         (true, Some(unknown)) => {
             let known: Vec<&str> = quoted.collect();
-            let near = known.iter().max_by(|a, b| {
-                strsim::jaro_winkler(unknown, a).total_cmp(&strsim::jaro_winkler(unknown, b))
-            });
+            let near = known
+                .iter()
+                .max_by(|a, b| strsim::jaro_winkler(unknown, a).total_cmp(&strsim::jaro_winkler(unknown, b)));
             match near.filter(|near| strsim::jaro_winkler(unknown, near) > 0.7) {
                 Some(near) => format!("unknown key \"{unknown}\"; did you mean \"{near}\"?"),
                 None => format!("unknown key \"{unknown}\"; known here are: {}", known.join(", ")),

@@ -145,8 +145,12 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
     };
     runtime(1)?.block_on(async {
         let shutdown = shutdown_token(args.supervision)?;
-        channel::worker::run(config, shutdown, |address| tracing::info!(%address, threads, "listening for a neighbour"))
-            .await?;
+        channel::worker::run(
+            config,
+            shutdown,
+            |address| tracing::info!(%address, threads, "listening for a neighbour"),
+        )
+        .await?;
         Ok(())
     })
 }
@@ -178,7 +182,8 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
 /// `cyclorama host play`.
 pub(crate) fn host_play(args: &HostPlayArgs) -> Result<(), CommandError> {
     let camera = CameraFile::read(&args.file)?;
-    let socket = UdpSocket::bind(("0.0.0.0", 0)).map_err(|error| CommandError::said(format!("no UDP socket: {error}")))?;
+    let socket =
+        UdpSocket::bind(("0.0.0.0", 0)).map_err(|error| CommandError::said(format!("no UDP socket: {error}")))?;
     socket
         .connect(&args.to)
         .map_err(|error| CommandError::said(format!("{}: {error}; expected HOST:PORT of a manager", args.to)))?;

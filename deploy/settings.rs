@@ -59,7 +59,8 @@ pub(crate) fn row(args: &RowArgs, file: &RigFile) -> Result<DefaultRow, CommandE
 }
 
 fn samples(count: u32) -> Result<Samples, CommandError> {
-    Samples::from_count(count).ok_or_else(|| CommandError::said(format!("samples = {count}: possible are 1, 4, 8, 16 and 64")))
+    Samples::from_count(count)
+        .ok_or_else(|| CommandError::said(format!("samples = {count}: possible are 1, 4, 8, 16 and 64")))
 }
 
 /// Light and air.
@@ -88,7 +89,10 @@ fn view(entry: &ViewEntry) -> Result<View, CommandError> {
         (Some(tangents), None) => tangents,
         (None, fov) => Tangents::symmetric(fov.unwrap_or(FOV_DEFAULT_DEG), width.max(1), height.max(1)),
         (Some(_), Some(_)) => {
-            return Err(CommandError::said(format!("view {:?} has both tangents and vertical_fov_deg; keep one", entry.name)));
+            return Err(CommandError::said(format!(
+                "view {:?} has both tangents and vertical_fov_deg; keep one",
+                entry.name
+            )));
         }
     };
     // Yaw to the right, pitch up, roll right side down, in this order.

@@ -80,6 +80,12 @@ pub(crate) fn write_scene(args: &SceneArgs) -> Result<(), CommandError> {
     let camera = serde_json::to_string(&built.camera.poses);
     let camera = camera.map_err(|error| CommandError::said(error.to_string()))?;
     std::fs::write(&path, camera).map_err(|error| CommandError::file(&path, error))?;
-    say(&format!("{} ({} bytes), {} ({} poses)", args.output.display(), built.glb.len(), path.display(), built.camera.poses.len()));
+    say(&format!(
+        "{} ({} bytes), {} ({} poses)",
+        args.output.display(),
+        built.glb.len(),
+        path.display(),
+        built.camera.poses.len()
+    ));
     Ok(())
 }

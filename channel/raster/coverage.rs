@@ -235,11 +235,11 @@ impl<'a> Walk<'a> {
                 if !self.has_table[k] {
                     self.has_table[k] = true;
                     let (a, b) = (a as i32, b as i32);
-                    for (entry, [x, y]) in self.tables[k].iter_mut().zip(&self.pattern.points) {
+                    for (entry, [x, y]) in self.tables[k].iter_mut().zip(&self.pattern.points[..self.pattern.count]) {
                         *entry = a * x + b * y;
                     }
                 }
-                mask &= not_negative(e as i32, &self.tables[k]);
+                mask &= not_negative(e as i32, &self.tables[k][..self.pattern.count.next_multiple_of(8)]);
             } else {
                 for (i, [x, y]) in self.pattern.points[..self.pattern.count].iter().enumerate() {
                     let inside = e + a * i64::from(*x) + b * i64::from(*y) >= 0;
@@ -251,9 +251,10 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Bit i: whether `base + table[i]` is not negative. Entries beyond the pattern give bits that the caller masks away.
+/// Bit i: whether `base + table[i]` is not negative; a table of 8 to 64 entries, in eights. Entries beyond the pattern give
+/// bits that the caller masks away.
 #[inline]
-fn not_negative(base: i32, table: &[i32; 64]) -> u64 {
+fn not_negative(base: i32, table: &[i32]) -> u64 {
     let mut mask = 0;
     for (group, entries) in table.chunks_exact(8).enumerate() {
         // Eight bytes of 0 or 1, then gathered to eight bits by a multiplication: byte i lands in bit 56 + i.

@@ -1,6 +1,6 @@
 //! Depth: of two faces, which is in front, and at which samples of a pixel.
 //!
-//! A face's inverse distance is an affine function of the screen position, evaluated by [`Plane::at`] in one order of
+//! A face's inverse distance is an affine function of the screen position, evaluated by `Plane::at` in one order of
 //! operations, so the answer at a sample is a pure function of two triangles and a position. Mostly it is the same for the
 //! whole pixel, and that is found out first: the *difference* of two affine functions is affine too, and takes its
 //! extremes over the pixel at corners. If even its smallest magnitude there exceeds what rounding could have done to any of the

@@ -14,7 +14,7 @@ const LIST: u32 = 1 << 31;
 /// Ends a list.
 const END: u32 = u32::MAX;
 
-/// Most triangles of a frame: numbers must leave [`LIST`] alone.
+/// Most triangles of a frame: numbers must leave the bit that marks a list alone.
 pub const TRIANGLES_MAX: usize = (LIST - 1) as usize;
 
 /// A face and the samples that see it.

@@ -307,12 +307,7 @@ impl Hand {
 
     /// Queues the tiles of the drawn frame for the compositor: the changed ones, or all when it is behind. Returns the
     /// bytes.
-    fn deliver(
-        &mut self,
-        frame: FrameNumber,
-        epoch: Epoch,
-        changed: Option<&BTreeMap<ViewId, Vec<usize>>>,
-    ) -> u64 {
+    fn deliver(&mut self, frame: FrameNumber, epoch: Epoch, changed: Option<&BTreeMap<ViewId, Vec<usize>>>) -> u64 {
         let Some(outlet) = &self.outlet else {
             self.is_behind = true;
             return 0;

@@ -1,7 +1,7 @@
 //! One session with a backplane, from hello to the end of the link.
 
 use super::neighbours::{NeighbourEvent, Neighbours};
-use super::painter::{Painter, Painted, Work};
+use super::painter::{Painted, Painter, Work};
 use super::{Config, LEAVE_TIMEOUT, outlet};
 use bytes::Bytes;
 use proto::chain::{BoardChain, BoardOutput};

@@ -4,11 +4,11 @@
 //! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
 //! the compositor → the host's answer).
 
+use super::Config;
 use super::content::Content;
 use super::director::Director;
 use super::links::{Outbox, content_ids};
 use super::statistics::{Report, Statistics};
-use super::Config;
 use crate::host::native::Freshness;
 use bytes::Bytes;
 use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock, Wiring};
@@ -244,14 +244,8 @@ impl Engine {
                     && outbox.send(self.content.offer());
                 if is_taken {
                     self.log("connected", format!("board {} ({from}, {threads} threads), {key:?}", hello.name));
-                    let board = Board {
-                        name: hello.name,
-                        link,
-                        outbox,
-                        lists: BTreeMap::new(),
-                        views: 0,
-                        is_leaving: false,
-                    };
+                    let board =
+                        Board { name: hello.name, link, outbox, lists: BTreeMap::new(), views: 0, is_leaving: false };
                     self.boards.insert(key, board);
                 }
             }
@@ -367,7 +361,8 @@ impl Engine {
         match freshness {
             Freshness::Stale => self.statistics.dropped.stale_poses += 1,
             Freshness::Repeated => {
-                if let Some((to, answer)) = self.answered.filter(|(to, a)| *to == from && a.sequence == packet.sequence) {
+                if let Some((to, answer)) = self.answered.filter(|(to, a)| *to == from && a.sequence == packet.sequence)
+                {
                     self.send_answer(to, answer);
                 }
             }
@@ -490,8 +485,7 @@ impl Engine {
     /// Sends every board its frame.
     fn stream(&mut self, frame: FrameNumber, wiring: &Wiring) {
         let Self { boards, director, statistics, .. } = self;
-        let state =
-            FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
+        let state = FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
         let view_count = director.views().len() as u32;
         for (i, key) in wiring.members.iter().enumerate() {
             let Some(board) = boards.get_mut(key) else { continue };
@@ -513,10 +507,8 @@ impl Engine {
                 board.views = director.views_revision;
                 // Lists of views that it no longer draws go out of date at the board: it must not be sent changes
                 // to them later.
-                board.lists = own
-                    .iter()
-                    .map(|share| (share.view, director.lists.revision(share.view.0 as usize)))
-                    .collect();
+                board.lists =
+                    own.iter().map(|share| (share.view, director.lists.revision(share.view.0 as usize))).collect();
             } else {
                 statistics.dropped.board_frames += 1;
             }

@@ -160,9 +160,8 @@ async fn serve(
     }
     let (sink, source) = link.split();
     let writer = tokio::spawn(write(sink, waiting, content, cut.clone()));
-    let reading = async {
-        if is_board { read_board(source, key, engine).await } else { read_compositor(source, engine).await }
-    };
+    let reading =
+        async { if is_board { read_board(source, key, engine).await } else { read_compositor(source, engine).await } };
     let ended = tokio::select! {
         ended = reading => ended,
         () = cut.cancelled() => Ok(()),

@@ -82,7 +82,9 @@ pub struct Addresses {
 #[derive(Debug, Error)]
 pub enum ManagerError {
     /// A port is taken, or isn't ours to take.
-    #[error("cannot listen on {address} for {what}: {error}; end the program that holds it, or choose another with {option}")]
+    #[error(
+        "cannot listen on {address} for {what}: {error}; end the program that holds it, or choose another with {option}"
+    )]
     Listen {
         /// The address.
         address: SocketAddr,

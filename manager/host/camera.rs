@@ -111,9 +111,8 @@ impl CameraPose {
 
     /// The lens for a picture of `width` × `height` square pixels.
     pub fn lens(&self, width: u32, height: u32) -> Tangents {
-        self.tangents.unwrap_or_else(|| {
-            Tangents::symmetric(self.vertical_fov_deg.unwrap_or(FOV_DEFAULT_DEG), width, height)
-        })
+        self.tangents
+            .unwrap_or_else(|| Tangents::symmetric(self.vertical_fov_deg.unwrap_or(FOV_DEFAULT_DEG), width, height))
     }
 }
 

@@ -6,8 +6,15 @@
 //! crate features; hence structs with fixed field order rather than JSON maps, and PNG files with stored (not
 //! compressed) data, which need no codec crate.
 
+mod document;
+mod png;
+
+use document::{
+    ARRAY_BUFFER, Accessor, Asset, Attributes, Buffer, BufferView, CLAMP_TO_EDGE, Document, ELEMENT_ARRAY_BUFFER,
+    Extensions, FLOAT, Image, LINEAR, LINEAR_MIPMAP_LINEAR, Material, Mesh, NodeJson, Pbr, Primitive, REPEAT, Sampler,
+    Scene, Texture, TextureInfo, UNLIT, UNSIGNED_INT,
+};
 use glam::{DQuat, DVec3};
-use serde::Serialize;
 use serde_json::Value;
 
 /// A picture in the builder.
@@ -214,7 +221,7 @@ impl GlbBuilder {
     /// # Panics
     /// When the bytes don't fit the size.
     pub fn picture(&mut self, name: &str, picture: &Picture) -> PictureId {
-        let view = self.view(&png(picture), None);
+        let view = self.view(&png::encode(picture), None);
         self.document.images.push(Image { name: name.into(), buffer_view: view, mime_type: "image/png" });
         PictureId(self.document.images.len() - 1)
     }
@@ -352,8 +359,14 @@ impl GlbBuilder {
         let bytes: Vec<u8> = geometry.triangles.as_flattened().iter().flat_map(|i| i.to_le_bytes()).collect();
         let buffer_view = self.view(&bytes, Some(ELEMENT_ARRAY_BUFFER));
         let count = geometry.triangles.len() * 3;
-        let indices =
-            self.accessor(Accessor { buffer_view, component_type: UNSIGNED_INT, count, kind: "SCALAR", min: None, max: None });
+        let indices = self.accessor(Accessor {
+            buffer_view,
+            component_type: UNSIGNED_INT,
+            count,
+            kind: "SCALAR",
+            min: None,
+            max: None,
+        });
         Primitive { attributes: Attributes { position, normal, color, texcoord }, indices, material: material.0 }
     }
 
@@ -392,243 +405,6 @@ fn pad(bytes: &mut Vec<u8>, with: u8) {
     bytes.resize(bytes.len().next_multiple_of(4), with);
 }
 
-// The numbers that glTF takes over from OpenGL.
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-const LINEAR: u32 = 9729;
-const LINEAR_MIPMAP_LINEAR: u32 = 9987;
-const REPEAT: u32 = 10497;
-const CLAMP_TO_EDGE: u32 = 33071;
-const UNLIT: &str = "KHR_materials_unlit";
-
-#[derive(Clone, Debug, Default, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Document {
-    asset: Asset,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    extensions_used: Vec<&'static str>,
-    scene: usize,
-    scenes: Vec<Scene>,
-    nodes: Vec<NodeJson>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    meshes: Vec<Mesh>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    materials: Vec<Material>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    textures: Vec<Texture>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    images: Vec<Image>,
-    samplers: Vec<Sampler>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    accessors: Vec<Accessor>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    buffer_views: Vec<BufferView>,
-    buffers: Vec<Buffer>,
-}
-
-#[derive(Clone, Debug, Default, Serialize)]
-struct Asset {
-    version: &'static str,
-    generator: &'static str,
-}
-
-#[derive(Clone, Debug, Default, Serialize)]
-struct Scene {
-    nodes: Vec<usize>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct NodeJson {
-    name: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mesh: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    translation: Option<[f64; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rotation: Option<[f64; 4]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    scale: Option<[f64; 3]>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    children: Vec<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extras: Option<Value>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Mesh {
-    name: String,
-    primitives: Vec<Primitive>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Primitive {
-    attributes: Attributes,
-    indices: usize,
-    material: usize,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Attributes {
-    #[serde(rename = "POSITION")]
-    position: usize,
-    #[serde(rename = "NORMAL")]
-    normal: usize,
-    #[serde(rename = "COLOR_0", skip_serializing_if = "Option::is_none")]
-    color: Option<usize>,
-    #[serde(rename = "TEXCOORD_0", skip_serializing_if = "Option::is_none")]
-    texcoord: Option<usize>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Material {
-    name: String,
-    pbr_metallic_roughness: Pbr,
-    emissive_factor: [f32; 3],
-    alpha_mode: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    alpha_cutoff: Option<f32>,
-    double_sided: bool,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extensions: Option<Extensions>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Pbr {
-    base_color_factor: [f32; 4],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    base_color_texture: Option<TextureInfo>,
-    metallic_factor: f32,
-    roughness_factor: f32,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct TextureInfo {
-    index: usize,
-}
-
-#[derive(Clone, Debug, Default, Serialize)]
-struct Extensions {
-    #[serde(rename = "KHR_materials_unlit")]
-    unlit: Empty,
-}
-
-#[derive(Clone, Debug, Default, Serialize)]
-struct Empty {}
-
-#[derive(Clone, Debug, PartialEq, Serialize)]
-struct Texture {
-    sampler: usize,
-    source: usize,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Image {
-    name: String,
-    buffer_view: usize,
-    mime_type: &'static str,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Sampler {
-    mag_filter: u32,
-    min_filter: u32,
-    wrap_s: u32,
-    wrap_t: u32,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Accessor {
-    buffer_view: usize,
-    component_type: u32,
-    count: usize,
-    #[serde(rename = "type")]
-    kind: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    min: Option<[f32; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    max: Option<[f32; 3]>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct BufferView {
-    buffer: usize,
-    byte_offset: usize,
-    byte_length: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    target: Option<u32>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "camelCase")]
-struct Buffer {
-    byte_length: usize,
-}
-
-/// A PNG file with stored data: PNG 1.2 around zlib (RFC 1950) around stored blocks (RFC 1951, 3.2.4).
-fn png(picture: &Picture) -> Vec<u8> {
-    let stride = picture.width as usize * picture.channels as usize;
-    assert!(
-        stride > 0 && picture.bytes.len() == stride * picture.height as usize,
-        "a picture's bytes must fit its size"
-    );
-    let color_type = match picture.channels {
-        Channels::Grey => 0,
-        Channels::Rgb => 2,
-        Channels::Rgba => 6,
-    };
-    let mut header = Vec::new();
-    header.extend_from_slice(&picture.width.to_be_bytes());
-    header.extend_from_slice(&picture.height.to_be_bytes());
-    header.extend_from_slice(&[8, color_type, 0, 0, 0]);
-
-    // Each row begins with its filter: none.
-    let rows: Vec<u8> = picture.bytes.chunks(stride).flat_map(|row| [0].iter().chain(row)).copied().collect();
-    let mut data = vec![0x78, 0x01];
-    let mut blocks = rows.chunks(0xFFFF).peekable();
-    while let Some(block) = blocks.next() {
-        let length = u16::try_from(block.len()).expect("chunks are at most 0xFFFF long");
-        data.push(u8::from(blocks.peek().is_none()));
-        data.extend_from_slice(&length.to_le_bytes());
-        data.extend_from_slice(&(!length).to_le_bytes());
-        data.extend_from_slice(block);
-    }
-    let (mut a, mut b) = (1u32, 0u32); // Adler-32, RFC 1950, 8.2
-    for &byte in &rows {
-        a = (a + u32::from(byte)) % 65521;
-        b = (b + a) % 65521;
-    }
-    data.extend_from_slice(&((b << 16) | a).to_be_bytes());
-
-    let table = crc_table();
-    let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
-    for (kind, content) in [(b"IHDR", &header), (b"IDAT", &data), (b"IEND", &Vec::new())] {
-        file.extend_from_slice(&u32::try_from(content.len()).expect("pictures are small").to_be_bytes());
-        let start = file.len();
-        file.extend_from_slice(kind);
-        file.extend_from_slice(content);
-        let crc = !file[start..].iter().fold(!0u32, |crc, &byte| table[((crc ^ u32::from(byte)) & 0xFF) as usize] ^ (crc >> 8));
-        file.extend_from_slice(&crc.to_be_bytes());
-    }
-    file
-}
-
-/// The table of the CRC of PNG 1.2, appendix D.
-fn crc_table() -> [u32; 256] {
-    let mut table = [0; 256];
-    for (row, n) in table.iter_mut().zip(0u32..) {
-        *row = (0..8).fold(n, |c, _| if c & 1 == 1 { 0xEDB8_8320 ^ (c >> 1) } else { c >> 1 });
-    }
-    table
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -665,30 +441,6 @@ mod tests {
         assert_eq!(document["accessors"][0]["min"], serde_json::json!([0.0, 0.0, -3.0]));
         assert_eq!(document["extensionsUsed"][0], UNLIT);
         assert_eq!(builder.triangles_drawn(), 1);
-    }
-
-    #[test]
-    fn checksums_are_those_of_the_standards() {
-        let crc = |bytes: &[u8]| {
-            let table = crc_table();
-            !bytes.iter().fold(!0u32, |crc, &b| table[((crc ^ u32::from(b)) & 0xFF) as usize] ^ (crc >> 8))
-        };
-        assert_eq!(crc(b"123456789"), 0xCBF4_3926);
-        let file = png(&Picture { width: 1, height: 1, channels: Channels::Grey, bytes: vec![7] });
-        assert_eq!(&file[file.len() - 4..], &0xAE42_6082u32.to_be_bytes(), "IEND always has this checksum");
-    }
-
-    #[cfg(feature = "import")]
-    #[test]
-    fn a_picture_comes_back_from_its_png() {
-        for channels in [Channels::Grey, Channels::Rgb, Channels::Rgba] {
-            let (width, height) = (300, 91);
-            let count = width as usize * height as usize * channels as usize;
-            let bytes: Vec<u8> = (0..count).map(|i| (i * 31 % 251) as u8).collect();
-            let file = png(&Picture { width, height, channels, bytes: bytes.clone() });
-            let read = image::load_from_memory(&file).unwrap();
-            assert_eq!((read.width(), read.height(), read.as_bytes()), (width, height, &bytes[..]));
-        }
     }
 
     #[test]

@@ -200,7 +200,7 @@ fn write_tree(scene: &Scene, depths: &[usize], drawn: &[u64], out: &mut Vec<Tree
                 match out.last_mut().filter(|line| line.left_out > 0) {
                     Some(line) => line.left_out += count,
                     None => {
-                        out.push(TreeLine { depth: 0, name: String::new(), mesh: None, triangles: 0, left_out: count })
+                        out.push(TreeLine { depth: 0, name: String::new(), mesh: None, triangles: 0, left_out: count });
                     }
                 }
             }

@@ -1,14 +1,16 @@
 //! When boards can't follow, the frame rate halves for all views alike (chain.md, Shares); it returns when there is time again.
 //!
 //! Deliberately slow to trust: three late frames (each late one counts, each timely one takes one back) halve the rate
-//! at once, but only a run of timely frames that would also have met the doubled rate with a fifth to spare doubles it.
+//! at once, but only half a second of timely frames that would also have met the doubled rate with a fifth to spare doubles it.
 
 use std::time::Duration;
 
 /// Late frames, less timely ones, that halve the rate.
 const LATE_LIMIT: u32 = 3;
-/// Timely frames in a row before the rate doubles: half a second at 60 Hz.
-const CALM_FRAMES: u32 = 30;
+/// Nominal periods of timely frames in a row before the rate doubles: half a second at 60 Hz.
+const CALM_PERIODS: u32 = 30;
+/// But at least this many frames, for at the lowest rates half a second is one.
+const CALM_FRAMES_MIN: u32 = 4;
 /// The rate is never less than this part of the nominal one.
 pub(super) const DIVIDER_MAX: u32 = 32;
 
@@ -42,7 +44,7 @@ impl RateControl {
         self.late = self.late.saturating_sub(1);
         if self.divider > 1 && took * 5 < self.period() * 2 {
             self.calm += 1;
-            if self.calm >= CALM_FRAMES {
+            if self.calm >= (CALM_PERIODS / self.divider).max(CALM_FRAMES_MIN) {
                 self.calm = 0;
                 self.divider /= 2;
             }
@@ -84,7 +86,7 @@ mod tests {
     #[test]
     fn the_rate_returns_when_the_load_goes() {
         let mut rate = settle(Duration::from_millis(100));
-        for _ in 0..10 * CALM_FRAMES {
+        for _ in 0..5 * CALM_PERIODS {
             rate.on_timely(Duration::from_millis(5));
         }
         assert_eq!(rate.divider(), 1);

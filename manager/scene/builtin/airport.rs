@@ -92,7 +92,8 @@ mod tests {
     fn every_moved_node_exists_once() {
         let scene = build();
         let (document, _) = chunks(&scene.glb);
-        let names: Vec<&str> = document["nodes"].as_array().unwrap().iter().filter_map(|n| n["name"].as_str()).collect();
+        let names: Vec<&str> =
+            document["nodes"].as_array().unwrap().iter().filter_map(|n| n["name"].as_str()).collect();
         let moved: BTreeSet<&str> =
             scene.camera.poses.iter().flat_map(|pose| &pose.entities).map(|entity| entity.node.as_str()).collect();
         assert_eq!(moved.len(), 8);

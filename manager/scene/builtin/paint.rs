@@ -92,7 +92,7 @@ pub(crate) fn tree_tops() -> Picture {
 
 /// Asphalt: 12 m wide.
 pub(crate) fn asphalt() -> Picture {
-    grey(128, |u, v| 0.84 + 0.12 * fractal(41, u, v, 4, 6))
+    grey(128, |u, v| 0.84 + 0.07 * fractal(41, u, v, 9, 2) + 0.10 * fractal(43, u, v, 32, 2))
 }
 
 /// Concrete slabs: 4 × 4 of them, 30 m wide.
@@ -163,16 +163,15 @@ pub(crate) fn airliner_skin() -> Picture {
         let height = 0.5 - 0.5 * libm::cos(v * std::f64::consts::TAU);
         let window = (0.12..0.80).contains(&u) && (height - 0.635).abs() < 0.025 && libm::fmod(u * 110.0, 1.0) < 0.5;
         let door = [0.105, 0.815].iter().any(|d| (u - d).abs() < 0.011) && (0.42..0.76).contains(&height);
-        let door_edge = door && ([0.105, 0.815].iter().all(|d| (u - d).abs() > 0.008) || !(0.45..0.73).contains(&height));
+        let door_edge =
+            door && ([0.105, 0.815].iter().all(|d| (u - d).abs() > 0.008) || !(0.45..0.73).contains(&height));
         let windscreen = (0.028..0.052).contains(&u) && (0.68..0.88).contains(&height);
         let tail = u > 0.80 + 0.12 * (1.0 - height);
         if window || windscreen {
             [0.03, 0.035, 0.045, 1.0]
         } else if door_edge {
             [0.40, 0.42, 0.45, 1.0]
-        } else if tail {
-            [0.02, 0.09, 0.30, 1.0]
-        } else if (0.40..0.45).contains(&height) {
+        } else if tail || (0.40..0.45).contains(&height) {
             [0.02, 0.09, 0.30, 1.0]
         } else if height < 0.40 {
             [0.52, 0.54, 0.56, 1.0]
@@ -221,12 +220,13 @@ mod tests {
 
     #[test]
     fn detail_textures_repeat_without_a_seam() {
-        for (name, picture) in [("grass", grass()), ("leaves", leaves()), ("tree tops", tree_tops()), ("asphalt", asphalt())] {
+        for (name, picture) in
+            [("grass", grass()), ("leaves", leaves()), ("tree tops", tree_tops()), ("asphalt", asphalt())]
+        {
             let (w, h) = (picture.width as usize, picture.height as usize);
             let mean = |pairs: &mut dyn Iterator<Item = (usize, usize)>| {
-                let steps: Vec<f64> = pairs
-                    .map(|(a, b)| (f64::from(picture.bytes[a]) - f64::from(picture.bytes[b])).abs())
-                    .collect();
+                let steps: Vec<f64> =
+                    pairs.map(|(a, b)| (f64::from(picture.bytes[a]) - f64::from(picture.bytes[b])).abs()).collect();
                 steps.iter().sum::<f64>() / steps.len() as f64
             };
             let seam = mean(&mut (0..h).map(|j| (j * w, j * w + w - 1)));
@@ -240,7 +240,9 @@ mod tests {
         let cloud = cloud(1);
         let (w, h) = (cloud.width as usize, cloud.height as usize);
         let alpha = |i: usize, j: usize| cloud.bytes[4 * (j * w + i) + 3];
-        let border = (0..w).flat_map(|i| [alpha(i, 0), alpha(i, h - 1)]).chain((0..h).flat_map(|j| [alpha(0, j), alpha(w - 1, j)]));
+        let border = (0..w)
+            .flat_map(|i| [alpha(i, 0), alpha(i, h - 1)])
+            .chain((0..h).flat_map(|j| [alpha(0, j), alpha(w - 1, j)]));
         assert!(border.max() < Some(8), "the border must be clear");
         assert!(cloud.bytes.iter().skip(3).step_by(4).any(|&a| a > 200), "the middle must not");
     }

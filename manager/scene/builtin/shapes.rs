@@ -75,9 +75,10 @@ impl Shape {
         self.triangles.push([a, b, c]);
     }
 
-    /// Adds a flat convex polygon with texture coordinates.
+    /// Adds a flat convex polygon with texture coordinates; its first three corners must not lie on a line.
     pub(crate) fn mapped_polygon(&mut self, corners: &[(DVec3, DVec2)]) {
-        let normal = (corners[1].0 - corners[0].0).cross(corners[2].0 - corners[0].0).normalize();
+        let normal = (corners[1].0 - corners[0].0).cross(corners[2].0 - corners[0].0).try_normalize();
+        let normal = normal.expect("scenes are made of polygons that have an area at their first corner");
         let base = self.positions.len() as u32;
         for &(position, texcoord) in corners {
             self.vertex(Vertex { texcoord, ..Vertex::new(position, normal) });
@@ -441,7 +442,10 @@ mod tests {
                 let mean: DVec3 = t.iter().map(|&i| shape.normals[i as usize]).sum();
                 assert!(face.dot(mean) > 0.0, "{name}: a face turns away from its normals");
             }
-            assert!(shape.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-9), "{name}: a normal is no unit vector");
+            assert!(
+                shape.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-9),
+                "{name}: a normal is no unit vector"
+            );
         }
     }
 }

@@ -12,8 +12,8 @@ use gltf::json::validation::Checked;
 use gltf::json::{Index, Root};
 use std::borrow::Cow;
 
-/// Most elements of an accessor that has no data of its own: 64 MiB of 4-component vectors.
-const ELEMENTS_WITHOUT_DATA_MAX: u64 = 1 << 22;
+/// Most elements of an accessor that has no data of its own: 16 MiB of 4-component vectors.
+const ELEMENTS_WITHOUT_DATA_MAX: u64 = 1 << 20;
 
 /// The document and its buffers.
 #[derive(Debug)]

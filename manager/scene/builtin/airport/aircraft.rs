@@ -139,31 +139,33 @@ fn airliner() -> (Shape, Shape) {
     ])
     .colored(GREY);
     let tailplane = wing(&[section(0.5, 5.2, 14.6, 3.8, 0.4), section(6.2, 5.75, 18.4, 1.5, 0.16)]).colored(GREY);
-    let fin = wing(&[section(5.4, 0.0, 12.4, 6.6, 0.55), section(6.4, 0.0, 13.8, 5.2, 0.5), section(11.9, 0.0, 18.1, 2.3, 0.25)])
-        .transformed(DAffine3::from_rotation_z(FRAC_PI_2))
-        .colored(BLUE);
+    let fin = wing(&[
+        section(5.4, 0.0, 12.4, 6.6, 0.55),
+        section(6.4, 0.0, 13.8, 5.2, 0.5),
+        section(11.9, 0.0, 18.1, 2.3, 0.25),
+    ])
+    .transformed(DAffine3::from_rotation_z(FRAC_PI_2))
+    .colored(BLUE);
     let nacelle = |z, r| ring(8, z, 1.75, r, r).into_iter().map(|p| p + dvec3(5.7, 0.0, 0.0)).collect::<Vec<_>>();
     let mut intake = Shape::new();
     intake.polygon(&nacelle(-4.0, 0.95).into_iter().rev().collect::<Vec<_>>());
     let mut nozzle = Shape::new();
     nozzle.polygon(&nacelle(0.9, 0.55));
-    let lip = Shape::loft(&[nacelle(-4.0, 0.95), nacelle(-4.25, 1.08), nacelle(-3.9, 1.2)]).colored(dvec3(0.7, 0.7, 0.72));
-    let cowl = Shape::loft(&[nacelle(-3.9, 1.2), nacelle(-2.4, 1.26), nacelle(-0.6, 1.05), nacelle(0.9, 0.55)]).colored(WHITE);
+    let lip =
+        Shape::loft(&[nacelle(-4.0, 0.95), nacelle(-4.25, 1.08), nacelle(-3.9, 1.2)]).colored(dvec3(0.7, 0.7, 0.72));
+    let cowl =
+        Shape::loft(&[nacelle(-3.9, 1.2), nacelle(-2.4, 1.26), nacelle(-0.6, 1.05), nacelle(0.9, 0.55)]).colored(WHITE);
     let pylon = Shape::cuboid([5.55, 5.85], [2.6, 3.1], [-2.8, 1.6], Caps::None).colored(GREY);
-    let leg = |x: f64, z: f64, y: f64| Shape::cuboid([x - 0.13, x + 0.13], [0.4, y], [z - 0.13, z + 0.13], Caps::None).colored(GREY);
-    let main_gear =
-        Shape::join([leg(3.8, 1.4, 2.7), wheel(dvec3(3.45, 0.58, 1.4), 0.58, 0.4), wheel(dvec3(4.15, 0.58, 1.4), 0.58, 0.4)]);
-    let nose_gear = Shape::join([leg(0.0, -12.2, 1.8), wheel(dvec3(0.0, 0.38, -12.2), 0.38, 0.5)]);
-    let half = Shape::join([
-        wings,
-        tailplane,
-        intake.colored(DARK),
-        nozzle.colored(DARK),
-        lip,
-        cowl,
-        pylon,
-        main_gear,
+    let leg = |x: f64, z: f64, y: f64| {
+        Shape::cuboid([x - 0.13, x + 0.13], [0.4, y], [z - 0.13, z + 0.13], Caps::None).colored(GREY)
+    };
+    let main_gear = Shape::join([
+        leg(3.8, 1.4, 2.7),
+        wheel(dvec3(3.45, 0.58, 1.4), 0.58, 0.4),
+        wheel(dvec3(4.15, 0.58, 1.4), 0.58, 0.4),
     ]);
+    let nose_gear = Shape::join([leg(0.0, -12.2, 1.8), wheel(dvec3(0.0, 0.38, -12.2), 0.38, 0.5)]);
+    let half = Shape::join([wings, tailplane, intake.colored(DARK), nozzle.colored(DARK), lip, cowl, pylon, main_gear]);
     (skin, Shape::join([half.mirrored(), fin, nose_gear]))
 }
 
@@ -179,15 +181,17 @@ fn light(stripe: DVec3) -> Shape {
         (5.2, 1.45, 0.10, 0.16),
     ];
     let rings: Vec<_> = body.iter().map(|&(z, y, rx, ry)| ring(N, z, y, rx, ry)).collect();
-    let fuselage = Shape::loft(&rings).painted(|p, _| {
-        if p.y < 1.3 { stripe } else { WHITE }
-    });
+    let fuselage = Shape::loft(&rings).painted(|p, _| if p.y < 1.3 { stripe } else { WHITE });
     // Glass: a pane on each side, hardly proud of the skin, and the windscreen.
     let side = [dvec3(0.6, 1.55, 0.8), dvec3(0.6, 1.55, -0.7), dvec3(0.5, 2.08, -0.6), dvec3(0.5, 2.08, 0.7)];
     let screen = [dvec3(0.44, 1.72, -1.25), dvec3(-0.44, 1.72, -1.25), dvec3(-0.42, 2.2, -0.8), dvec3(0.42, 2.2, -0.8)];
     let glass = Shape::join([Shape::flat(&[side]).mirrored(), Shape::flat(&[screen])]).colored(dvec3(0.04, 0.05, 0.07));
-    let wings = wing(&[section(0.0, 2.3, -0.95, 1.65, 0.24), section(2.6, 2.36, -0.95, 1.6, 0.22), section(5.5, 2.45, -0.8, 1.15, 0.14)])
-        .painted(|p, _| if p.x > 5.0 { stripe } else { WHITE });
+    let wings = wing(&[
+        section(0.0, 2.3, -0.95, 1.65, 0.24),
+        section(2.6, 2.36, -0.95, 1.6, 0.22),
+        section(5.5, 2.45, -0.8, 1.15, 0.14),
+    ])
+    .painted(|p, _| if p.x > 5.0 { stripe } else { WHITE });
     let tailplane = wing(&[section(0.05, 1.45, 4.2, 1.1, 0.12), section(1.7, 1.45, 4.45, 0.8, 0.08)]).colored(WHITE);
     let fin = wing(&[section(1.4, 0.0, 3.7, 1.6, 0.14), section(2.75, 0.0, 4.7, 0.75, 0.08)])
         .transformed(DAffine3::from_rotation_z(FRAC_PI_2))

@@ -3,10 +3,10 @@
 //! They stand west of the runway with their fronts to the east, where the sun of the default picture comes from.
 
 use super::super::shapes::{Caps, Shape, circle};
+use super::STANDS_Z;
 use super::aircraft::Fleet;
 use super::kit::{Kit, heading, level, shadow_shift};
 use super::runway::{APRON_X, CLUB_X, CLUB_Z};
-use super::STANDS_Z;
 use crate::scene::glb::{MeshId, Node, NodeId};
 use glam::{DAffine3, DVec3, dvec2, dvec3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_8, PI};
@@ -32,7 +32,7 @@ pub(super) fn build(kit: &mut Kit, fleet: &Fleet, cars: [MeshId; 4], lorry: Mesh
 
 /// Lorries that serve the airliners, and two that wait.
 fn vehicles(kit: &mut Kit, group: NodeId, lorry: MeshId) {
-    let stands = STANDS_Z.map(|z| (-208.0, z - 9.0, 1.4));
+    let stands = STANDS_Z.map(|z| (-217.0, z - 5.8, 1.5));
     let waiting = [(-240.0, -500.0, 0.3), (-246.0, -512.0, 0.3), (-180.0, -690.0, 2.8)];
     for (x, z, turn) in stands.into_iter().chain(waiting) {
         let node = Node::new("service lorry").mesh(lorry).at(dvec3(x, level::TAXIWAY, z));
@@ -64,7 +64,8 @@ fn tower(kit: &mut Kit, group: NodeId) {
     const EIGHT: u32 = 8;
     let turn = |shape: Shape| shape.turned(FRAC_PI_8);
     let shaft = turn(Shape::cylinder(EIGHT, [4.2, 3.4], [0.0, 34.0], false)).colored(dvec3(0.70, 0.69, 0.66));
-    let stripe = |y: f64| turn(Shape::cylinder(EIGHT, [3.75, 3.72], [y, y + 0.9], false)).colored(dvec3(0.05, 0.16, 0.35));
+    let stripe =
+        |y: f64| turn(Shape::cylinder(EIGHT, [3.75, 3.72], [y, y + 0.9], false)).colored(dvec3(0.05, 0.16, 0.35));
     let collar = turn(Shape::cylinder(EIGHT, [3.4, 6.0], [33.0, 36.0], false)).colored(CONCRETE);
     let gallery = turn(Shape::cylinder(EIGHT, [6.6, 6.6], [36.0, 36.5], true)).colored(dvec3(0.45, 0.45, 0.44));
     let under = turn(Shape::cylinder(EIGHT, [6.6, 6.6], [-36.0, -35.9], true))
@@ -80,7 +81,9 @@ fn tower(kit: &mut Kit, group: NodeId) {
             .transformed(DAffine3::from_rotation_x(PI))
             .colored(dvec3(0.5, 0.5, 0.5)),
         Shape::cylinder(6, [0.5, 0.35], [43.2, RADAR.y - 0.4], true).colored(dvec3(0.6, 0.6, 0.6)),
-        Shape::cylinder(5, [0.12, 0.04], [42.5, 51.0], false).moved(dvec3(-3.4, 0.0, 1.0)).colored(dvec3(0.75, 0.2, 0.1)),
+        Shape::cylinder(5, [0.12, 0.04], [42.5, 51.0], false)
+            .moved(dvec3(-3.4, 0.0, 1.0))
+            .colored(dvec3(0.75, 0.2, 0.1)),
     ]);
     // The cab leans outwards, so that nobody sees a reflection of the desk at night.
     let foot = circle(EIGHT, 5.2, 37.5);
@@ -90,9 +93,9 @@ fn tower(kit: &mut Kit, group: NodeId) {
         let side = (foot[(k + 1) % 8] - foot[(k + 7) % 8]).normalize() * 0.11;
         let out = foot[k].with_y(0.0).normalize() * 0.16;
         let (a, b) = (foot[k], head[k]);
-        mullions.polygon(&[a + side, a + out, b + out, b + side].map(|p| p - side * 0.0));
-        mullions.polygon(&[a + out, a - side, b - side, b + out]);
-        mullions.polygon(&[a - side, a + side, b + side, b - side]);
+        mullions.polygon(&[a + out, a + side, b + side, b + out]);
+        mullions.polygon(&[a - side, a + out, b + out, b - side]);
+        mullions.polygon(&[a + side, a - side, b - side, b + side]);
     }
     let mullions = turn(mullions).colored(dvec3(0.75, 0.75, 0.73));
     let glass = turn(Shape::cylinder(EIGHT, [5.2, 6.1], [37.5, 41.0], false));
@@ -144,24 +147,60 @@ fn terminal(kit: &mut Kit, group: NodeId) {
         for k in 0..6 {
             let at = |k: i32| z0 + (z1 - z0) * f64::from(k) / 6.0;
             let (n, s) = (at(k), at(k + 1));
-            roof.polygon(&[dvec3(a.0, a.1 + thick, s), dvec3(b.0, b.1 + thick, s), dvec3(b.0, b.1 + thick, n), dvec3(a.0, a.1 + thick, n)]);
+            roof.polygon(&[
+                dvec3(a.0, a.1 + thick, s),
+                dvec3(b.0, b.1 + thick, s),
+                dvec3(b.0, b.1 + thick, n),
+                dvec3(a.0, a.1 + thick, n),
+            ]);
         }
         roof.polygon(&[dvec3(a.0, a.1, z0), dvec3(b.0, b.1, z0), dvec3(b.0, b.1, z1), dvec3(a.0, a.1, z1)]);
-        roof.polygon(&[dvec3(a.0, a.1, z1), dvec3(b.0, b.1, z1), dvec3(b.0, b.1 + thick, z1), dvec3(a.0, a.1 + thick, z1)]);
-        roof.polygon(&[dvec3(b.0, b.1, z0), dvec3(a.0, a.1, z0), dvec3(a.0, a.1 + thick, z0), dvec3(b.0, b.1 + thick, z0)]);
+        roof.polygon(&[
+            dvec3(a.0, a.1, z1),
+            dvec3(b.0, b.1, z1),
+            dvec3(b.0, b.1 + thick, z1),
+            dvec3(a.0, a.1 + thick, z1),
+        ]);
+        roof.polygon(&[
+            dvec3(b.0, b.1, z0),
+            dvec3(a.0, a.1, z0),
+            dvec3(a.0, a.1 + thick, z0),
+            dvec3(b.0, b.1 + thick, z0),
+        ]);
     }
     let (front, back) = (start + 38.0, start - 4.0);
-    roof.polygon(&[dvec3(front, 12.0, z1), dvec3(front, 12.0, z0), dvec3(front, 12.0 + thick, z0), dvec3(front, 12.0 + thick, z1)]);
-    roof.polygon(&[dvec3(back, 12.6, z0), dvec3(back, 12.6, z1), dvec3(back, 12.6 + thick, z1), dvec3(back, 12.6 + thick, z0)]);
+    roof.polygon(&[
+        dvec3(front, 12.0, z1),
+        dvec3(front, 12.0, z0),
+        dvec3(front, 12.0 + thick, z0),
+        dvec3(front, 12.0 + thick, z1),
+    ]);
+    roof.polygon(&[
+        dvec3(back, 12.6, z0),
+        dvec3(back, 12.6, z1),
+        dvec3(back, 12.6 + thick, z1),
+        dvec3(back, 12.6 + thick, z0),
+    ]);
     // Gables between walls and roof.
     let mut gables = Shape::new();
-    for pair in profile.windows(2) {
-        let [(ax, ay), (bx, by)] = [pair[0], pair[1]].map(|(px, py): (f64, f64)| (px.clamp(0.0, 32.0) + start, py));
+    let under = [(0.0, 13.4), (6.0, 14.6), (16.0, 15.0), (26.0, 14.2), (32.0, 13.1)];
+    for pair in under.windows(2) {
+        let [(ax, ay), (bx, by)] = [pair[0], pair[1]].map(|(px, py)| (start + px, py));
         gables.polygon(&[dvec3(ax, 12.0, z[1]), dvec3(bx, 12.0, z[1]), dvec3(bx, by, z[1]), dvec3(ax, ay, z[1])]);
         gables.polygon(&[dvec3(bx, 12.0, z[0]), dvec3(ax, 12.0, z[0]), dvec3(ax, ay, z[0]), dvec3(bx, by, z[0])]);
     }
-    gables.polygon(&[dvec3(x[0], 12.0, z[0]), dvec3(x[0], 12.0, z[1]), dvec3(x[0], 13.4, z[1]), dvec3(x[0], 13.4, z[0])]);
-    gables.polygon(&[dvec3(x[1] - 2.0, 12.0, z[1]), dvec3(x[1] - 2.0, 12.0, z[0]), dvec3(x[1] - 2.0, 13.1, z[0]), dvec3(x[1] - 2.0, 13.1, z[1])]);
+    gables.polygon(&[
+        dvec3(x[0], 12.0, z[0]),
+        dvec3(x[0], 12.0, z[1]),
+        dvec3(x[0], 13.4, z[1]),
+        dvec3(x[0], 13.4, z[0]),
+    ]);
+    gables.polygon(&[
+        dvec3(x[1] - 2.0, 12.0, z[1]),
+        dvec3(x[1] - 2.0, 12.0, z[0]),
+        dvec3(x[1] - 2.0, 13.1, z[0]),
+        dvec3(x[1] - 2.0, 13.1, z[1]),
+    ]);
     let roof = Shape::join([roof.colored(dvec3(0.62, 0.64, 0.66)), gables.colored(dvec3(0.70, 0.70, 0.68))]);
 
     let (pier_walls, pier_top) = office([-270.0, -248.0], [-760.0, -690.0], 2);
@@ -180,7 +219,14 @@ fn terminal(kit: &mut Kit, group: NodeId) {
             (Shape::join(bridges), palette.ribs),
         ],
     );
-    ground_boxes(kit, &[([x[0], x[1]], z, 13.0), ([-300.0, -276.0], [-540.0, -478.0], 12.8), ([-269.0, -248.0], [-760.0, -690.0], 8.8)]);
+    ground_boxes(
+        kit,
+        &[
+            ([x[0], x[1]], z, 13.0),
+            ([-300.0, -276.0], [-540.0, -478.0], 12.8),
+            ([-269.0, -248.0], [-760.0, -690.0], 8.8),
+        ],
+    );
 }
 
 /// The covered way from the terminal to the left front door of the airliner on a stand.
@@ -234,17 +280,27 @@ fn hangar(width: f64, depth: f64, wall: f64, rise: f64, color: DVec3, door: DVec
         let out = front + if k % 2 == 0 { 0.35 } else { 0.6 };
         plain.push(Shape::cuboid([x, x + leaf], [0.0, wall + 0.5], [front - 0.1, out], Caps::Top).colored(door));
         let (low, high) = (wall * 0.62, wall * 0.84);
-        let window = [dvec3(x + 0.8, low, out + 0.04), dvec3(x + leaf - 0.8, low, out + 0.04), dvec3(x + leaf - 0.8, high, out + 0.04), dvec3(x + 0.8, high, out + 0.04)];
+        let window = [
+            dvec3(x + 0.8, low, out + 0.04),
+            dvec3(x + leaf - 0.8, low, out + 0.04),
+            dvec3(x + leaf - 0.8, high, out + 0.04),
+            dvec3(x + 0.8, high, out + 0.04),
+        ];
         plain.push(Shape::flat(&[window]).colored(dvec3(0.07, 0.09, 0.11)));
     }
     plain.push(
-        Shape::cuboid([-3.2 * leaf, 3.2 * leaf], [wall + 0.5, wall + 1.5], [front - 0.1, front + 0.9], Caps::Both).colored(dvec3(0.30, 0.32, 0.34)),
+        Shape::cuboid([-3.2 * leaf, 3.2 * leaf], [wall + 0.5, wall + 1.5], [front - 0.1, front + 0.9], Caps::Both)
+            .colored(dvec3(0.30, 0.32, 0.34)),
     );
     (Shape::join([metal, sheet]), Shape::join(plain))
 }
 
 fn hangars(kit: &mut Kit, group: NodeId) {
-    let colors = [(dvec3(0.62, 0.63, 0.60), dvec3(0.10, 0.22, 0.38)), (dvec3(0.55, 0.57, 0.55), dvec3(0.60, 0.60, 0.58)), (dvec3(0.58, 0.50, 0.40), dvec3(0.34, 0.12, 0.08))];
+    let colors = [
+        (dvec3(0.62, 0.63, 0.60), dvec3(0.10, 0.22, 0.38)),
+        (dvec3(0.55, 0.57, 0.55), dvec3(0.60, 0.60, 0.58)),
+        (dvec3(0.58, 0.50, 0.40), dvec3(0.34, 0.12, 0.08)),
+    ];
     let palette = kit.palette;
     for (k, (color, door)) in colors.into_iter().enumerate() {
         let (metal, plain) = hangar(52.0, 58.0, 9.0, 8.5, color, door);
@@ -267,7 +323,9 @@ fn hangars(kit: &mut Kit, group: NodeId) {
 fn fuel_farm(kit: &mut Kit, group: NodeId) {
     let centre = dvec3(-384.0, 0.0, -190.0);
     let mut parts = Vec::new();
-    for (dx, dz, r, h) in [(-20.0, -18.0, 9.0, 11.0), (4.0, -18.0, 9.0, 11.0), (-20.0, 8.0, 9.0, 11.0), (4.0, 8.0, 7.0, 9.0)] {
+    for (dx, dz, r, h) in
+        [(-20.0, -18.0, 9.0, 11.0), (4.0, -18.0, 9.0, 11.0), (-20.0, 8.0, 9.0, 11.0), (4.0, 8.0, 7.0, 9.0)]
+    {
         let tank = Shape::join([
             Shape::cylinder(20, [r, r], [0.0, h], false).colored(dvec3(0.80, 0.80, 0.78)),
             Shape::cylinder(20, [r, 0.0], [h, h + 1.3], false).colored(dvec3(0.66, 0.67, 0.67)),
@@ -278,7 +336,12 @@ fn fuel_farm(kit: &mut Kit, group: NodeId) {
         kit.outline_shadow(&rim, h);
     }
     // The wall that would hold what leaks.
-    for (x, z) in [([-34.0, 18.0], [-31.0, -30.5]), ([-34.0, 18.0], [20.5, 21.0]), ([-34.0, -33.5], [-30.5, 20.5]), ([17.5, 18.0], [-30.5, 20.5])] {
+    for (x, z) in [
+        ([-34.0, 18.0], [-31.0, -30.5]),
+        ([-34.0, 18.0], [20.5, 21.0]),
+        ([-34.0, -33.5], [-30.5, 20.5]),
+        ([17.5, 18.0], [-30.5, 20.5]),
+    ] {
         parts.push(Shape::cuboid(x, [0.0, 1.4], z, Caps::Top).colored(CONCRETE));
     }
     let plain = kit.palette.plain;
@@ -305,7 +368,8 @@ fn fire_station(kit: &mut Kit, group: NodeId) {
 fn club(kit: &mut Kit, group: NodeId) {
     let (x, z) = ([CLUB_X[1] + 8.0, CLUB_X[1] + 20.0], [-330.0, -300.0]);
     let palette = kit.palette;
-    let walls = Shape::cuboid(x, [0.0, 3.2], z, Caps::None).tiled(dvec2(1.0 / 3.0, 1.0 / 3.2)).colored(dvec3(0.80, 0.76, 0.66));
+    let walls =
+        Shape::cuboid(x, [0.0, 3.2], z, Caps::None).tiled(dvec2(1.0 / 3.0, 1.0 / 3.2)).colored(dvec3(0.80, 0.76, 0.66));
     // The gable's ridge runs along x; this house's along z.
     let roof = Shape::gable([-16.0, 16.0], [3.2, 6.8], [-7.0, 7.0])
         .tiled(dvec2(0.25, 0.25))
@@ -319,7 +383,9 @@ fn club(kit: &mut Kit, group: NodeId) {
 fn car_park(kit: &mut Kit, group: NodeId, cars: [MeshId; 4]) {
     let (x, z) = ([-402.0, -330.0], [-850.0, -600.0]);
     let lot = Shape::rect(x, z, level::TAXIWAY).mapped(|p, _| dvec2(p.x, p.z) / 12.0).colored(dvec3(0.21, 0.21, 0.21));
-    let way = Shape::rect([terrain_edge(), x[0]], [-728.0, -720.0], level::TAXIWAY).mapped(|p, _| dvec2(p.x, p.z) / 12.0).colored(dvec3(0.19, 0.19, 0.19));
+    let way = Shape::rect([terrain_edge(), x[0]], [-728.0, -720.0], level::TAXIWAY)
+        .mapped(|p, _| dvec2(p.x, p.z) / 12.0)
+        .colored(dvec3(0.19, 0.19, 0.19));
     let asphalt = kit.palette.asphalt;
     kit.object(group, "car park", &[(Shape::join([lot, way]), asphalt)]);
     for row in 0..4 {
@@ -347,7 +413,11 @@ fn parked(kit: &mut Kit, fleet: &Fleet) {
         let at = dvec3(-204.0, level::TAXIWAY, z);
         kit.glb.node(Some(group), Node::new("parked airliner").mesh(fleet.airliner).at(at).turned(heading(-FRAC_PI_2)));
         let shift = shadow_shift(3.2);
-        kit.placed_shadow(fleet.airliner_shadow, dvec3(at.x + shift.x, level::SHADOW, at.z + shift.y), heading(-FRAC_PI_2));
+        kit.placed_shadow(
+            fleet.airliner_shadow,
+            dvec3(at.x + shift.x, level::SHADOW, at.z + shift.y),
+            heading(-FRAC_PI_2),
+        );
     }
     // One waits at the holding position for the flight to pass.
     let at = dvec3(-92.0, level::TAXIWAY, -40.0);

@@ -197,7 +197,7 @@ fn on_road(road: &[DVec3], x: f64, right: f64) -> (DVec3, DQuat) {
 }
 
 /// The runway's far end must still be ahead when the path ends.
-const _: () = assert!(END_Z > -LENGTH);
+const _: () = assert!(END_Z > -LENGTH, "the path ends beyond the runway");
 
 #[cfg(test)]
 mod tests {

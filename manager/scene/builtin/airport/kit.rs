@@ -59,14 +59,15 @@ impl Palette {
             let picture = glb.picture(name, &picture);
             glb.material(name, &Surface::textured(picture))
         };
-        let [grass, crops, leaves] =
-            [("grass", paint::grass()), ("crops", paint::rows()), ("leaves", paint::leaves())].map(|(n, p)| textured(n, p));
+        let [grass, crops, leaves] = [("grass", paint::grass()), ("crops", paint::rows()), ("leaves", paint::leaves())]
+            .map(|(n, p)| textured(n, p));
         let tree_tops = textured("tree tops", paint::tree_tops());
         let [asphalt, slabs] = [("asphalt", paint::asphalt()), ("slabs", paint::slabs())].map(|(n, p)| textured(n, p));
         let [ribs, tiles] = [("ribs", paint::ribs()), ("tiles", paint::tiles())].map(|(n, p)| textured(n, p));
         let [office, house] = [("office", paint::office()), ("house", paint::house())].map(|(n, p)| textured(n, p));
         let skin = textured("airliner", paint::airliner_skin());
-        let translucent = |r, g, b, a| Surface { base_color: [r, g, b, a], alpha: AlphaMode::Blend, ..Surface::default() };
+        let translucent =
+            |r, g, b, a| Surface { base_color: [r, g, b, a], alpha: AlphaMode::Blend, ..Surface::default() };
         let lamp = |r, g, b| Surface { emissive: [r, g, b], ..Surface::plain(0.1, 0.1, 0.1) };
         let both_sides = |surface| Surface { double_sided: true, ..surface };
         Self {

@@ -71,7 +71,11 @@ fn pavement(kit: &mut Kit, group: NodeId) {
     // Stopways: where the runway ends, a paler strip goes on.
     let stopway = |z| paving([-22.5, 22.5], z, level::TAXIWAY, 45.0, 12.0, |_, _| dvec3(0.25, 0.245, 0.235));
     let asphalt = kit.palette.asphalt;
-    kit.object(group, "runway", &[(Shape::join([runway, stopway([0.0, 60.0]), stopway([-LENGTH - 60.0, -LENGTH])]), asphalt)]);
+    kit.object(
+        group,
+        "runway",
+        &[(Shape::join([runway, stopway([0.0, 60.0]), stopway([-LENGTH - 60.0, -LENGTH])]), asphalt)],
+    );
 
     let dark = |_: f64, _: f64| dvec3(0.185, 0.185, 0.19);
     let strip = |x, z| paving(x, z, level::TAXIWAY, 80.0, 12.0, dark);
@@ -122,7 +126,11 @@ fn fillet(x: f64, z: f64, sign_x: f64, sign_z: f64) -> Shape {
         })
         .collect();
     for pair in arc.windows(2) {
-        if sign_x * sign_z < 0.0 { shape.triangle(corner, pair[0], pair[1]) } else { shape.triangle(corner, pair[1], pair[0]) }
+        if sign_x * sign_z < 0.0 {
+            shape.triangle(corner, pair[0], pair[1]);
+        } else {
+            shape.triangle(corner, pair[1], pair[0]);
+        }
     }
     shape
 }
@@ -146,15 +154,14 @@ fn markings(kit: &mut Kit, group: NodeId) {
     end.push(bar([9.0, 17.0], [-345.0, -300.0]));
     end.push(bar([-17.0, -9.0], [-345.0, -300.0]));
     let end = Shape::join(end);
-    let turned = end.clone().transformed(
-        DAffine3::from_translation(dvec3(0.0, 0.0, -LENGTH)) * DAffine3::from_rotation_y(PI),
-    );
+    let turned =
+        end.clone().transformed(DAffine3::from_translation(dvec3(0.0, 0.0, -LENGTH)) * DAffine3::from_rotation_y(PI));
 
     let mut all = vec![end, turned];
     all.push(digits("36"));
-    all.push(digits("18").transformed(
-        DAffine3::from_translation(dvec3(0.0, 0.0, -LENGTH)) * DAffine3::from_rotation_y(PI),
-    ));
+    all.push(
+        digits("18").transformed(DAffine3::from_translation(dvec3(0.0, 0.0, -LENGTH)) * DAffine3::from_rotation_y(PI)),
+    );
     for k in 0..46 {
         let z = -78.0 - 50.0 * f64::from(k);
         if z - 30.0 > -LENGTH + 60.0 {
@@ -176,10 +183,25 @@ fn digits(text: &str) -> Shape {
     const STROKES: [(char, &[[f64; 4]]); 4] = [
         ('1', &[[1.1, 1.9, 0.0, 9.0]]),
         ('3', &[[2.2, 3.0, 0.0, 9.0], [0.0, 2.2, 8.2, 9.0], [0.6, 2.2, 4.1, 4.9], [0.0, 2.2, 0.0, 0.8]]),
-        ('6', &[[0.0, 0.8, 0.0, 9.0], [0.8, 3.0, 8.2, 9.0], [0.8, 3.0, 4.1, 4.9], [0.8, 3.0, 0.0, 0.8], [2.2, 3.0, 0.8, 4.1]]),
+        (
+            '6',
+            &[
+                [0.0, 0.8, 0.0, 9.0],
+                [0.8, 3.0, 8.2, 9.0],
+                [0.8, 3.0, 4.1, 4.9],
+                [0.8, 3.0, 0.0, 0.8],
+                [2.2, 3.0, 0.8, 4.1],
+            ],
+        ),
         (
             '8',
-            &[[0.0, 0.8, 0.0, 9.0], [2.2, 3.0, 0.0, 9.0], [0.8, 2.2, 8.2, 9.0], [0.8, 2.2, 4.1, 4.9], [0.8, 2.2, 0.0, 0.8]],
+            &[
+                [0.0, 0.8, 0.0, 9.0],
+                [2.2, 3.0, 0.0, 9.0],
+                [0.8, 2.2, 8.2, 9.0],
+                [0.8, 2.2, 4.1, 4.9],
+                [0.8, 2.2, 0.0, 0.8],
+            ],
         ),
     ];
     let mut shape = Shape::new();
@@ -241,7 +263,11 @@ fn lamps(kit: &mut Kit, group: NodeId) {
     kit.object(
         group,
         "runway lamps",
-        &[(Shape::join(white), palette.white_lamp), (across(2.0), palette.green_lamp), (across(-LENGTH - 2.0), palette.red_lamp)],
+        &[
+            (Shape::join(white), palette.white_lamp),
+            (across(2.0), palette.green_lamp),
+            (across(-LENGTH - 2.0), palette.red_lamp),
+        ],
     );
 
     // The PAPI: four boxes left of the aiming point; two white and two red are the right glide path.
@@ -289,7 +315,8 @@ fn windsock(kit: &mut Kit, group: NodeId) {
         let color = if band % 2 == 0 { dvec3(0.85, 0.22, 0.03) } else { dvec3(0.85, 0.85, 0.82) };
         sleeve.add(Shape::cylinder(8, [radius(a), radius(b)], [4.0 * a, 4.0 * b], false).colored(color));
     }
-    let sleeve = sleeve.transformed(DAffine3::from_translation(dvec3(0.0, 6.6, 0.1)) * DAffine3::from_rotation_x(FRAC_PI_2 + 0.12));
+    let sleeve = sleeve
+        .transformed(DAffine3::from_translation(dvec3(0.0, 6.6, 0.1)) * DAffine3::from_rotation_x(FRAC_PI_2 + 0.12));
     let palette = kit.palette;
     let mesh = kit.mesh("windsock", &[(pole, palette.plain), (sleeve, palette.cloth)]);
     for at in [dvec3(58.0, 0.0, -330.0), dvec3(-60.0, 0.0, -2050.0)] {

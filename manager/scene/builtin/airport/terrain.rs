@@ -186,7 +186,8 @@ impl Land {
         let middle = self.middle(&columns, &rows);
         let road = self.lines_x[columns.end] - self.lines_x[columns.start] < 9.0
             || self.lines_z[rows.end] - self.lines_z[rows.start] < 9.0;
-        let airfield = (AIRFIELD_X[0]..AIRFIELD_X[1]).contains(&middle.x) && (AIRFIELD_Z[0]..AIRFIELD_Z[1]).contains(&middle.y);
+        let airfield =
+            (AIRFIELD_X[0]..AIRFIELD_X[1]).contains(&middle.x) && (AIRFIELD_Z[0]..AIRFIELD_Z[1]).contains(&middle.y);
         let small = width * depth <= 4 || (width * depth <= 9 && random.chance(0.45));
         if road || airfield || (small && width <= 3 && depth <= 3) {
             let field = self.field(columns, rows, middle, (road, airfield), random);
@@ -233,10 +234,10 @@ impl Land {
             // Village gardens are green.
             let choice = if in_village(place) { 10 } else { random.index(16) };
             let (usage, color) = match choice {
-                0..=2 => (Use::Crop, dvec3(0.47, 0.35, 0.125)), // ripe wheat
-                3..=4 => (Use::Crop, dvec3(0.36, 0.33, 0.11)),  // barley, still turning
-                5..=6 => (Use::Crop, dvec3(0.125, 0.215, 0.05)), // maize
-                7 => (Use::Crop, dvec3(0.55, 0.47, 0.05)),      // rape in flower
+                0..=2 => (Use::Crop, dvec3(0.47, 0.35, 0.125)),   // ripe wheat
+                3..=4 => (Use::Crop, dvec3(0.36, 0.33, 0.11)),    // barley, still turning
+                5..=6 => (Use::Crop, dvec3(0.125, 0.215, 0.05)),  // maize
+                7 => (Use::Crop, dvec3(0.50, 0.43, 0.06)),        // rape in flower
                 8..=9 => (Use::Crop, dvec3(0.225, 0.155, 0.095)), // ploughed
                 10..=13 => (Use::Meadow, dvec3(0.155, 0.245, 0.06)),
                 _ => (Use::Meadow, dvec3(0.215, 0.265, 0.085)), // mown
@@ -301,10 +302,8 @@ impl Land {
                 // Dry and lush patches of an old lawn.
                 Use::Airfield => field.color.lerp(dvec3(0.27, 0.27, 0.10), smoothstep(-0.6, 1.0, patch) * 0.75),
                 // Reeds round the lake, whatever the field.
-                _ => (field.color * (1.0 + 0.16 * patch)).lerp(
-                    dvec3(0.14, 0.20, 0.06),
-                    smoothstep(1.5, 1.15, dvec2(p.x, p.z).distance(LAKE) / LAKE_RADIUS),
-                ),
+                _ => (field.color * (1.0 + 0.16 * patch))
+                    .lerp(dvec3(0.14, 0.20, 0.06), smoothstep(1.5, 1.15, dvec2(p.x, p.z).distance(LAKE) / LAKE_RADIUS)),
             };
             let texcoord = dvec2(p.x * c + p.z * s, p.z * c - p.x * s) / texture_m;
             Vertex { color: hazed(color, p), texcoord, ..Vertex::new(p, normal(p.x, p.z, 30.0)) }
@@ -346,7 +345,11 @@ impl Land {
             let corners = [(a, -2.0), (b, -2.0), (b, rise(b)), (a, rise(a))].map(|(p, up)| {
                 let light = if up < 0.0 { 0.5 } else { 1.05 };
                 let texcoord = dvec2(p.x + p.z, up * 1.6) / 64.0;
-                canopy.vertex(Vertex { color: hazed(field.color * light, p), texcoord, ..Vertex::new(p + DVec3::Y * up, out) })
+                canopy.vertex(Vertex {
+                    color: hazed(field.color * light, p),
+                    texcoord,
+                    ..Vertex::new(p + DVec3::Y * up, out)
+                })
             });
             canopy.triangle(corners[0], corners[1], corners[2]);
             canopy.triangle(corners[0], corners[2], corners[3]);
@@ -368,7 +371,8 @@ impl Land {
         let border = self.outline(&whole);
         let centre = dvec2(0.0, -1550.0);
         let color = |p: DVec3, k: usize, j: usize| {
-            let patch = noise(SEED + 20, p.x / 420.0, p.z / 420.0, None) + 0.7 * (hash(SEED + 21, k as i64, j as i64) - 0.5);
+            let patch =
+                noise(SEED + 20, p.x / 420.0, p.z / 420.0, None) + 0.7 * (hash(SEED + 21, k as i64, j as i64) - 0.5);
             let c = if patch < -0.12 {
                 dvec3(0.055, 0.105, 0.032)
             } else if patch < 0.3 {
@@ -422,7 +426,9 @@ impl Land {
 fn lines(spans: &[(f64, f64, u32)]) -> Vec<f64> {
     let mut all = vec![spans[0].0];
     for &(from, to, cells) in spans {
-        all.extend((1..=cells).map(|k| if k == cells { to } else { from + (to - from) * f64::from(k) / f64::from(cells) }));
+        all.extend(
+            (1..=cells).map(|k| if k == cells { to } else { from + (to - from) * f64::from(k) / f64::from(cells) }),
+        );
     }
     all
 }

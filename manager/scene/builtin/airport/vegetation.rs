@@ -168,14 +168,21 @@ impl Forest {
         let conifers = [dvec3(0.055, 0.115, 0.045), dvec3(0.07, 0.13, 0.045)].map(|c| conifer(kit, c));
         let mut random = Random::new(kit.random.next());
         let palette = kit.palette;
-        let colors = [dvec3(0.13, 0.225, 0.055), dvec3(0.10, 0.19, 0.05), dvec3(0.175, 0.25, 0.065), dvec3(0.12, 0.21, 0.06)];
+        let colors =
+            [dvec3(0.13, 0.225, 0.055), dvec3(0.10, 0.19, 0.05), dvec3(0.175, 0.25, 0.065), dvec3(0.12, 0.21, 0.06)];
         let broad = [0, 1, 2, 3].map(|k: usize| {
             let color = colors[k];
-            let mut leaves = crown(&mut random, if k % 2 == 0 { (6, 4) } else { (6, 3) }, dvec3(4.6, 4.2, 4.6), dvec3(0.0, 6.6, 0.0), color);
+            let mut leaves = crown(
+                &mut random,
+                if k.is_multiple_of(2) { (6, 4) } else { (6, 3) },
+                dvec3(4.6, 4.2, 4.6),
+                dvec3(0.0, 6.6, 0.0),
+                color,
+            );
             if k == 3 {
                 // The larger oak has a second heap.
                 leaves.add(crown(&mut random, (5, 3), dvec3(3.2, 2.8, 3.2), dvec3(3.0, 5.4, 1.0), color * 0.92));
-                            }
+            }
             kit.mesh("broadleaf", &[(leaves, palette.leaves), (trunk(4.0, 0.4), palette.plain)])
         });
         let far_broad = [colors[0], colors[1]].map(|color| {
@@ -247,7 +254,10 @@ pub(super) fn trees(kit: &mut Kit, land: &Land, village: &[DVec2]) {
     }
     // A windbreak behind the buildings.
     for k in 0..46 {
-        places.push((dvec3(-530.0 + random.range(-6.0, 6.0), 0.0, -90.0 - 22.0 * f64::from(k) + random.range(-8.0, 8.0)), k % 9 < 3));
+        places.push((
+            dvec3(-530.0 + random.range(-6.0, 6.0), 0.0, -90.0 - 22.0 * f64::from(k) + random.range(-8.0, 8.0)),
+            k % 9 < 3,
+        ));
     }
     places.retain(|(p, _)| free(*p));
     // Those that are nearest to where the flight goes; the far ones would be specks.
@@ -258,7 +268,8 @@ pub(super) fn trees(kit: &mut Kit, land: &Land, village: &[DVec2]) {
     let all = kit.group("trees");
     for (k, (p, is_conifer)) in places.into_iter().enumerate() {
         let (i, j) = tile(p);
-        let group = *groups.entry((i, j)).or_insert_with(|| kit.glb.node(Some(all), Node::new(format!("trees {i} {j}"))));
+        let group =
+            *groups.entry((i, j)).or_insert_with(|| kit.glb.node(Some(all), Node::new(format!("trees {i} {j}"))));
         let at = dvec3(p.x, terrain::height(p.x, p.z) - 0.4, p.z);
         let mesh = match (is_conifer, k < NEAR_TREES) {
             (true, true) => forest.conifers[random.index(2)],

@@ -52,7 +52,14 @@ pub(super) fn build(kit: &mut Kit) -> Vec<DVec2> {
     }
     church(kit, group);
     // Farms in the fields on both sides of the approach.
-    for (x, z, turn) in [(-440.0, 1190.0, 0.4), (300.0, 1010.0, 1.2), (ROAD_WEST - 60.0, 250.0, 0.0), (-300.0, 1900.0, 0.7), (1350.0, -900.0, 0.2), (-1500.0, -700.0, 0.9)] {
+    for (x, z, turn) in [
+        (-440.0, 1190.0, 0.4),
+        (300.0, 1010.0, 1.2),
+        (ROAD_WEST - 60.0, 250.0, 0.0),
+        (-300.0, 1900.0, 0.7),
+        (1350.0, -900.0, 0.2),
+        (-1500.0, -700.0, 0.9),
+    ] {
         farm(kit, group, houses[0], dvec2(x, z), turn);
     }
     works(kit, group);
@@ -73,7 +80,12 @@ fn house_shape(width: f64, depth: f64, storeys: u32, wall: DVec3, roof: DVec3) -
     // A whole number of window bays on every wall.
     let bays = |length: f64| libm::round(length / 3.0).max(1.0) / length;
     let mut walls = Shape::new();
-    for (a, b) in [(dvec2(x[0], z[1]), dvec2(x[1], z[1])), (dvec2(x[1], z[1]), dvec2(x[1], z[0])), (dvec2(x[1], z[0]), dvec2(x[0], z[0])), (dvec2(x[0], z[0]), dvec2(x[0], z[1]))] {
+    for (a, b) in [
+        (dvec2(x[0], z[1]), dvec2(x[1], z[1])),
+        (dvec2(x[1], z[1]), dvec2(x[1], z[0])),
+        (dvec2(x[1], z[0]), dvec2(x[0], z[0])),
+        (dvec2(x[0], z[0]), dvec2(x[0], z[1])),
+    ] {
         let u = bays(a.distance(b)) * a.distance(b);
         let up = |p: DVec2, y: f64| dvec3(p.x, y, p.y);
         walls.mapped_polygon(&[
@@ -83,16 +95,31 @@ fn house_shape(width: f64, depth: f64, storeys: u32, wall: DVec3, roof: DVec3) -
             (up(a, height), dvec2(0.0, 0.0)),
         ]);
     }
-    let base = Shape::cuboid([x[0] - 0.05, x[1] + 0.05], [-2.5, 0.35], [z[0] - 0.05, z[1] + 0.05], Caps::None).colored(wall * 0.55);
+    let base = Shape::cuboid([x[0] - 0.05, x[1] + 0.05], [-2.5, 0.35], [z[0] - 0.05, z[1] + 0.05], Caps::None)
+        .colored(wall * 0.55);
     let rise = depth * 0.42;
-    let gable = Shape::gable([x[0] - 0.3, x[1] + 0.3], [height - 0.25, height + rise], [z[0] - 0.6, z[1] + 0.6]).tiled(dvec2(0.25, 0.25)).colored(roof);
-    let chimney = Shape::cuboid([width * 0.22, width * 0.22 + 0.8], [height + rise * 0.4, height + rise + 0.9], [-1.2, -0.4], Caps::Top).colored(dvec3(0.40, 0.20, 0.14));
+    let gable = Shape::gable([x[0] - 0.3, x[1] + 0.3], [height - 0.25, height + rise], [z[0] - 0.6, z[1] + 0.6])
+        .tiled(dvec2(0.25, 0.25))
+        .colored(roof);
+    let chimney = Shape::cuboid(
+        [width * 0.22, width * 0.22 + 0.8],
+        [height + rise * 0.4, height + rise + 0.9],
+        [-1.2, -0.4],
+        Caps::Top,
+    )
+    .colored(dvec3(0.40, 0.20, 0.14));
     [walls.colored(wall), gable, Shape::join([base, chimney])]
 }
 
 fn houses(kit: &mut Kit, random: &mut Random) -> Vec<MeshId> {
     let palette = kit.palette;
-    let walls = [dvec3(0.86, 0.82, 0.72), dvec3(0.80, 0.78, 0.74), dvec3(0.72, 0.58, 0.42), dvec3(0.88, 0.86, 0.82), dvec3(0.66, 0.44, 0.34)];
+    let walls = [
+        dvec3(0.86, 0.82, 0.72),
+        dvec3(0.80, 0.78, 0.74),
+        dvec3(0.72, 0.58, 0.42),
+        dvec3(0.88, 0.86, 0.82),
+        dvec3(0.66, 0.44, 0.34),
+    ];
     let roofs = [dvec3(0.42, 0.13, 0.07), dvec3(0.34, 0.12, 0.08), dvec3(0.20, 0.18, 0.18), dvec3(0.48, 0.19, 0.09)];
     (0..7)
         .map(|k| {
@@ -115,7 +142,13 @@ fn church(kit: &mut Kit, group: NodeId) {
     for k in 0..5 {
         let x = -5.5 + 4.3 * f64::from(k);
         for (z, left, right) in [(5.54, x, x + 1.4), (-5.54, x + 1.4, x)] {
-            windows.polygon(&[dvec3(left, 2.5, z), dvec3(right, 2.5, z), dvec3(right, 6.2, z), dvec3((left + right) / 2.0, 7.4, z), dvec3(left, 6.2, z)]);
+            windows.polygon(&[
+                dvec3(left, 2.5, z),
+                dvec3(right, 2.5, z),
+                dvec3(right, 6.2, z),
+                dvec3((left + right) / 2.0, 7.4, z),
+                dvec3(left, 6.2, z),
+            ]);
         }
     }
     for (z, left, right) in [(3.04, -12.0, -10.0), (-3.04, -10.0, -12.0)] {
@@ -129,8 +162,11 @@ fn church(kit: &mut Kit, group: NodeId) {
 
 fn farm(kit: &mut Kit, group: NodeId, house: MeshId, net: DVec2, turn: f64) {
     let palette = kit.palette;
-    let barn = Shape::cuboid([-14.0, 14.0], [-2.5, 6.0], [-7.5, 7.5], Caps::None).tiled(dvec2(1.2, 1.0)).colored(dvec3(0.36, 0.14, 0.10));
-    let roof = Shape::gable([-14.6, 14.6], [5.8, 10.5], [-8.3, 8.3]).tiled(dvec2(1.2, 1.0)).colored(dvec3(0.40, 0.41, 0.42));
+    let barn = Shape::cuboid([-14.0, 14.0], [-2.5, 6.0], [-7.5, 7.5], Caps::None)
+        .tiled(dvec2(1.2, 1.0))
+        .colored(dvec3(0.36, 0.14, 0.10));
+    let roof =
+        Shape::gable([-14.6, 14.6], [5.8, 10.5], [-8.3, 8.3]).tiled(dvec2(1.2, 1.0)).colored(dvec3(0.40, 0.41, 0.42));
     let silo = Shape::join([
         Shape::cylinder(12, [2.8, 2.8], [-2.5, 13.0], false).colored(dvec3(0.66, 0.67, 0.66)),
         Shape::cylinder(12, [2.9, 0.0], [13.0, 15.0], false).colored(dvec3(0.5, 0.52, 0.54)),
@@ -149,7 +185,12 @@ fn works(kit: &mut Kit, group: NodeId) {
     // Four saw-tooth bays, glass to the north.
     for k in 0..4 {
         let x = [-30.0 + 13.0 * f64::from(k), -17.0 + 13.0 * f64::from(k)];
-        roof.push(Shape::gable([-16.0, 16.0], [9.0, 12.5], [-6.5, 6.5]).turned(FRAC_PI_2).moved(dvec3((x[0] + x[1]) / 2.0, 0.0, 0.0)).colored(dvec3(0.34, 0.33, 0.32)));
+        roof.push(
+            Shape::gable([-16.0, 16.0], [9.0, 12.5], [-6.5, 6.5])
+                .turned(FRAC_PI_2)
+                .moved(dvec3((x[0] + x[1]) / 2.0, 0.0, 0.0))
+                .colored(dvec3(0.34, 0.33, 0.32)),
+        );
     }
     let chimney = Shape::join([
         Shape::cylinder(14, [2.6, 1.7], [-3.0, CHIMNEY_TOP], false).colored(brick * 1.25),
@@ -157,7 +198,10 @@ fn works(kit: &mut Kit, group: NodeId) {
         Shape::cylinder(14, [1.4, 1.4], [CHIMNEY_TOP, CHIMNEY_TOP + 0.1], true).colored(dvec3(0.03, 0.03, 0.03)),
     ])
     .moved(dvec3(34.0, 0.0, 6.0));
-    let mesh = kit.mesh("works", &[(hall.colored(brick * 1.6), palette.office), (Shape::join(roof), palette.plain), (chimney, palette.plain)]);
+    let mesh = kit.mesh(
+        "works",
+        &[(hall.colored(brick * 1.6), palette.office), (Shape::join(roof), palette.plain), (chimney, palette.plain)],
+    );
     place(kit, group, mesh, WORKS, 0.0);
 }
 
@@ -201,7 +245,9 @@ pub(super) fn cars(kit: &mut Kit) -> [MeshId; 4] {
         let tyre = Shape::cuboid([-0.84, 0.84], [0.0, 0.5], [-0.33, 0.33], Caps::None).colored(dvec3(0.02, 0.02, 0.02));
         // The cabin tapers: glass all round, roof in the car's colour.
         let (low, high) = ([[-0.8, 0.8], [-1.0, 1.7]], [[-0.62, 0.62], [-0.35, 1.35]]);
-        let ring = |[x, z]: [[f64; 2]; 2], y: f64| [dvec3(x[0], y, z[1]), dvec3(x[1], y, z[1]), dvec3(x[1], y, z[0]), dvec3(x[0], y, z[0])];
+        let ring = |[x, z]: [[f64; 2]; 2], y: f64| {
+            [dvec3(x[0], y, z[1]), dvec3(x[1], y, z[1]), dvec3(x[1], y, z[0]), dvec3(x[0], y, z[0])]
+        };
         let (a, b) = (ring(low, 0.92), ring(high, 1.45));
         let glass: Vec<_> = (0..4).map(|k| [a[k], a[(k + 1) % 4], b[(k + 1) % 4], b[k]]).collect();
         let cabin = Shape::flat(&glass).colored(dvec3(0.05, 0.06, 0.07));

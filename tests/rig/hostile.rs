@@ -1,0 +1,96 @@
+//! Rubbish on every port of a flying rig: it is counted and dropped, and the rig goes on.
+
+use crate::program::Rig;
+use std::io::{Read, Write};
+use std::net::{TcpStream, UdpSocket};
+
+fn flying() -> (Rig, std::net::SocketAddr, std::net::SocketAddr) {
+    let rig = Rig::start(&["--views", "1", "--boards", "2", "--size", "96x64", "--samples", "1"]);
+    rig.wait("flight", |stats| stats["frames"].as_u64() > Some(5));
+    // The boards' command lines have the backplane's address, the host's has the pose port.
+    let argument = |words: &[&str], option: &str| {
+        let pid = rig.children(words)[0];
+        let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap();
+        let mut args = command.split('\0').skip_while(|arg| *arg != option);
+        args.nth(1).unwrap().parse().unwrap()
+    };
+    let (backplane, pose) = (argument(&["channel"], "--backplane"), argument(&["host"], "--to"));
+    (rig, backplane, pose)
+}
+
+fn goes_on(rig: &Rig) {
+    let frames = |stats: &serde_json::Value| stats["frames"].as_u64().unwrap();
+    let now = frames(&rig.stats().unwrap());
+    let stats = rig.wait("more frames", |stats| frames(stats) > now + 10);
+    assert_eq!(stats["boards"], 2, "{stats}");
+}
+
+/// Bytes from a fixed seed.
+fn noise(len: usize) -> Vec<u8> {
+    let mut state = 7u64;
+    (0..len)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 56) as u8
+        })
+        .collect()
+}
+
+#[test]
+fn a_garbage_client_on_the_backplane_is_counted_and_dropped() {
+    let (rig, backplane, _) = flying();
+    for rubbish in [&b"GET / HTTP/1.1\r\n\r\n"[..], &noise(5000)] {
+        let mut stream = TcpStream::connect(backplane).unwrap();
+        // The manager may close while we still write.
+        let _ = stream.write_all(rubbish);
+        let _ = stream.read_to_end(&mut Vec::new());
+    }
+    // A right preamble and then a frame that claims four gigabytes.
+    let mut stream = TcpStream::connect(backplane).unwrap();
+    stream.write_all(&proto::codec::preamble(proto::codec::VERSIONS)).unwrap();
+    let _ = stream.write_all(&[0xff; 64]);
+    let _ = stream.read_to_end(&mut Vec::new());
+    rig.wait("three dropped connections", |stats| stats["dropped"]["connections"] == 3);
+    goes_on(&rig);
+}
+
+#[test]
+fn a_peer_of_another_version_is_refused_by_both_versions_names() {
+    let (rig, backplane, _) = flying();
+    let mut stream = TcpStream::connect(backplane).unwrap();
+    let theirs = proto::codec::VersionRange { min: 7, max: 9 };
+    stream.write_all(&proto::codec::preamble(theirs)).unwrap();
+    let mut answer = [0; proto::codec::PREAMBLE_LEN];
+    stream.read_exact(&mut answer).unwrap();
+    let error = proto::codec::agree(theirs, &answer).unwrap_err().to_string();
+    assert!(error.contains("versions 7 to 9") && error.contains("version 1"), "the peer can tell: {error}");
+    let stats = rig.wait("the refusal", |stats| stats["dropped"]["connections"] == 1);
+    let events = stats["events"].to_string();
+    assert!(events.contains("we speak version 1, the other side speaks versions 7 to 9"), "{events}");
+    goes_on(&rig);
+}
+
+#[test]
+fn random_pose_packets_are_counted_and_the_flight_goes_on() {
+    let (rig, _, pose) = flying();
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for len in [0, 1, 16, 71, 72, 200, 1400] {
+        socket.send_to(&noise(len), pose).unwrap();
+    }
+    let mut nan = b"CYCP\x01\x00\x00\x00".to_vec();
+    nan.resize(72, 0xff);
+    nan[12..14].fill(0);
+    socket.send_to(&nan, pose).unwrap();
+    rig.wait("eight dropped packets", |stats| stats["dropped"]["pose_packets"] == 8);
+    goes_on(&rig);
+}
+
+#[test]
+fn a_second_compositor_is_refused_and_told_why() {
+    let (rig, backplane, _) = flying();
+    let output = crate::program::run(&["compositor", "--backplane", &backplane.to_string()]);
+    assert_eq!(output.status.code(), Some(1));
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(error.contains("refused this compositor: this rig has a compositor already"), "{error}");
+    goes_on(&rig);
+}

@@ -1,0 +1,65 @@
+//! The stitched pictures don't depend on how many boards drew them, nor on who died meanwhile.
+
+use crate::program::{files, fly, kill, wait_for};
+use std::process::Stdio;
+
+const FLIGHT: [&str; 8] = ["--frames", "12", "--views", "3", "--size", "160x90", "--samples", "4"];
+
+fn flown(boards: &str) -> std::collections::BTreeMap<String, Vec<u8>> {
+    let folder = tempfile::tempdir().unwrap();
+    let args = [&FLIGHT[..], &["--boards", boards]].concat();
+    let stats = fly(folder.path(), &args);
+    assert_eq!(stats["frames"], 12);
+    assert_eq!(stats["late_frames"], 0, "lock-step has no deadline");
+    assert_eq!(stats["boards"].to_string(), boards);
+    files(folder.path())
+}
+
+#[test]
+fn one_two_three_and_five_boards_write_the_same_bytes() {
+    let one = flown("1");
+    assert_eq!(one.len(), 12);
+    assert!(one.contains_key("frame-00000.png") && one.contains_key("frame-00011.png"));
+    let picture = image::load_from_memory(&one["frame-00000.png"]).unwrap();
+    assert_eq!((picture.width(), picture.height()), (3 * 160, 90));
+    assert_ne!(one["frame-00000.png"], one["frame-00011.png"], "the picture moves");
+    for boards in ["2", "3", "5"] {
+        assert_eq!(flown(boards), one, "{boards} boards");
+    }
+}
+
+#[test]
+fn a_board_killed_in_mid_flight_changes_no_written_picture() {
+    let args = ["--frames", "60", "--views", "2", "--size", "160x90", "--samples", "1", "--boards", "3"];
+    let undisturbed = tempfile::tempdir().unwrap();
+    fly(undisturbed.path(), &args);
+
+    let disturbed = tempfile::tempdir().unwrap();
+    let mut rig = crate::program::cyclorama()
+        .args(["rig", "--json", "--console", "off", "--out"])
+        .arg(disturbed.path())
+        .args(args)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait_for("the fifth picture", || disturbed.path().join("frame-00005.png").exists().then_some(()));
+    let own = rig.id();
+    let board = wait_for("a board", || {
+        let text = std::fs::read_to_string(format!("/proc/{own}/task/{own}/children")).ok()?;
+        let is_board = |pid: &u32| {
+            std::fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|c| c.contains("\0channel\0"))
+        };
+        text.split_whitespace().filter_map(|pid| pid.parse().ok()).find(is_board)
+    });
+    kill(board);
+    let output = {
+        let mut text = String::new();
+        std::io::Read::read_to_string(rig.stdout.as_mut().unwrap(), &mut text).unwrap();
+        assert!(rig.wait().unwrap().success());
+        text
+    };
+    let stats: serde_json::Value = serde_json::from_str(&output).unwrap();
+    assert_eq!(stats["boards"], 2, "one of three was killed: {output}");
+    assert_eq!(files(disturbed.path()), files(undisturbed.path()));
+}
