@@ -20,10 +20,18 @@ pub(crate) fn start_log(level: Option<&str>, command: Option<&Command>) {
         .try_init();
 }
 
-/// An error, in one line.
+/// An error with its causes, in one line. A cause that the error's own text names already isn't said again.
 pub(crate) fn complain(error: &CommandError) {
-    let text = error.to_string().replace('\n', " ");
-    eprintln!("cyclorama: {text}");
+    let mut text = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        let said = error.to_string();
+        if !text.contains(&said) {
+            text = format!("{text}: {said}");
+        }
+        cause = error.source();
+    }
+    eprintln!("cyclorama: {}", text.replace('\n', " "));
 }
 
 /// A line for people on stderr, where it doesn't mix with results.

@@ -159,10 +159,7 @@ impl Hand {
                     job = None;
                     self.answer(Painted::Refused(error));
                 }
-                next = match inbox.try_recv() {
-                    Ok(work) => Some(work),
-                    Err(TryRecvError::Empty | TryRecvError::Disconnected) => None,
-                };
+                next = inbox.try_recv().ok();
             }
             if let Some(job) = job {
                 self.paint(job);

@@ -68,7 +68,7 @@ fn a_rig_that_is_killed_leaves_no_process_behind() {
 }
 
 #[test]
-fn a_board_that_is_asked_to_end_drains_and_no_view_repeats() {
+fn a_board_that_is_asked_to_end_is_released_and_not_lost() {
     let rig = Rig::start(&SMALL);
     rig.wait("three boards", |stats| stats["boards"] == 3 && stats["frames"].as_u64() > Some(10));
     let board = rig.children(&["channel", "--name", "2"])[0];

@@ -120,11 +120,44 @@ mod tests {
             if accessor["componentType"] == 5126 {
                 let values: Vec<f32> = bytes.chunks(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
                 assert!(values.iter().all(|x| x.is_finite()), "a number is not finite");
-                if let Some(min) = accessor["min"].as_array() {
+                for (bound, pick) in [("min", f32::min as fn(f32, f32) -> f32), ("max", f32::max)] {
+                    let Some(stated) = accessor[bound].as_array() else { continue };
                     for axis in 0..3 {
-                        let least = values[axis..].iter().step_by(3).copied().fold(f32::INFINITY, f32::min);
-                        assert_eq!(min[axis].as_f64().unwrap() as f32, least);
+                        let found = values[axis..].iter().step_by(3).copied().reduce(pick).unwrap();
+                        assert_eq!(stated[axis].as_f64().unwrap() as f32, found, "{bound} of axis {axis}");
                     }
+                }
+            }
+        }
+    }
+
+    /// A face whose normals point to its back is lit as if it were inside out, and usually is.
+    #[test]
+    fn no_face_turns_away_from_its_normals() {
+        let scene = build();
+        let (document, binary) = chunks(&scene.glb);
+        let number = |v: &Value| v.as_u64().unwrap() as usize;
+        let words = |accessor: &Value| {
+            let accessor = &document["accessors"][number(accessor)];
+            let view = &document["bufferViews"][number(&accessor["bufferView"])];
+            let start = number(&view["byteOffset"]);
+            let words = binary[start..start + number(&view["byteLength"])].chunks(4);
+            words.map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect::<Vec<_>>()
+        };
+        let vectors = |accessor: &Value| {
+            let words: Vec<f64> = words(accessor).iter().map(|w| f64::from(f32::from_bits(*w))).collect();
+            words.chunks(3).map(DVec3::from_slice).collect::<Vec<_>>()
+        };
+        for mesh in document["meshes"].as_array().unwrap() {
+            for primitive in mesh["primitives"].as_array().unwrap() {
+                let positions = vectors(&primitive["attributes"]["POSITION"]);
+                let normals = vectors(&primitive["attributes"]["NORMAL"]);
+                for t in words(&primitive["indices"]).chunks(3) {
+                    let [a, b, c] = [0, 1, 2].map(|k| positions[t[k] as usize]);
+                    let face = (b - a).cross(c - a).normalize_or_zero();
+                    let mean: DVec3 = t.iter().map(|&i| normals[i as usize]).sum();
+                    assert!(face != DVec3::ZERO, "{}: a face without area at {a}", mesh["name"]);
+                    assert!(face.dot(mean) > 0.0, "{}: a face at {a} turns away from its normals", mesh["name"]);
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! The scenes that the program brings along, made by it when asked for: no downloaded asset, the same bytes everywhere.
 //!
-//! A scene is code that calls the small toolbox here ([`shapes`] for geometry, [`paint`] for textures, [`random`] for
+//! A scene is code that calls the small toolbox here (`shapes` for geometry, `paint` for textures, `random` for
 //! chance) and hands the result to the [glTF writer](super::glb); it then takes the same way into the system as any
 //! file. Each comes with a camera path that shows it.
 

@@ -135,9 +135,11 @@ fn airliner() -> (Shape, Shape) {
         section(1.2, 2.75, -4.8, 7.6, 0.95),
         section(6.2, 3.15, -0.6, 4.3, 0.55),
         section(16.6, 3.95, 5.6, 1.7, 0.2),
-        section(17.1, 5.3, 6.9, 0.8, 0.1),
     ])
     .colored(GREY);
+    let winglet = wing(&[section(3.85, 0.0, 5.8, 1.5, 0.14), section(5.5, 0.0, 7.1, 0.7, 0.08)])
+        .transformed(DAffine3::from_translation(dvec3(16.65, 0.0, 0.0)) * DAffine3::from_rotation_z(FRAC_PI_2))
+        .colored(BLUE);
     let tailplane = wing(&[section(0.5, 5.2, 14.6, 3.8, 0.4), section(6.2, 5.75, 18.4, 1.5, 0.16)]).colored(GREY);
     let fin = wing(&[
         section(5.4, 0.0, 12.4, 6.6, 0.55),
@@ -165,7 +167,17 @@ fn airliner() -> (Shape, Shape) {
         wheel(dvec3(4.15, 0.58, 1.4), 0.58, 0.4),
     ]);
     let nose_gear = Shape::join([leg(0.0, -12.2, 1.8), wheel(dvec3(0.0, 0.38, -12.2), 0.38, 0.5)]);
-    let half = Shape::join([wings, tailplane, intake.colored(DARK), nozzle.colored(DARK), lip, cowl, pylon, main_gear]);
+    let half = Shape::join([
+        wings,
+        winglet,
+        tailplane,
+        intake.colored(DARK),
+        nozzle.colored(DARK),
+        lip,
+        cowl,
+        pylon,
+        main_gear,
+    ]);
     (skin, Shape::join([half.mirrored(), fin, nose_gear]))
 }
 
