@@ -1,10 +1,10 @@
 //! Writes binary glTF 2.0.
 //!
-//! A [`GlbBuilder`] collects pictures, materials, meshes and a tree of nodes, and [`GlbBuilder::write`] lays them out as
-//! one `.glb`: a JSON chunk and a binary chunk. It writes what the built-in scenes need and no more: one scene, one
-//! buffer, one buffer view per accessor, 32-bit floats and indices. The same calls give the same bytes on every machine and with every set of
-//! crate features; hence structs with fixed field order rather than JSON maps, and PNG files with stored (not
-//! compressed) data, which need no codec crate.
+//! A [`GlbBuilder`] collects pictures, materials, meshes and a tree of nodes, and [`GlbBuilder::write`] lays them out
+//! as one `.glb`: a JSON chunk and a binary chunk. It writes what the built-in scenes need and no more: one scene, one
+//! buffer, one buffer view per accessor, 32-bit floats and indices. The same calls give the same bytes on every
+//! machine and with every set of crate features; hence structs with fixed field order rather than JSON maps, and PNG
+//! files with stored (not compressed) data, which need no codec crate.
 
 mod document;
 mod png;

@@ -1,7 +1,8 @@
 //! The scene `airport`: an airport in rolling country, and an approach to it.
 //!
-//! Frame: metres, +X east, +Y up, −Z north; the origin is the middle of the runway's southern threshold, and the airfield is level at
-//! y = 0. About 50 000 triangles are shown, most of them by shared meshes. The order of the parts is that of the file.
+//! Frame: metres, +X east, +Y up, −Z north; the origin is the middle of the runway's southern threshold, and the
+//! airfield is level at y = 0. About 50 000 triangles are shown, most of them by shared meshes. The order of the parts
+//! is that of the file.
 //!
 //! * [`terrain`] is the shape of the land and its division into fields; [`vegetation`] covers it
 //! * [`runway`], [`buildings`], [`village`] are what people built, [`aircraft`] what they fly

@@ -1,8 +1,9 @@
 //! Textures, painted by functions of the place in the picture.
 //!
-//! Detail textures (grass, asphalt, leaves …) are grey and a little below white: they multiply a vertex colour, which says what
-//! colour the thing is, while the texture says that it is not all of one piece. They repeat without a seam and have no
-//! feature larger than a quarter of their width, because anything larger shows the repetition from the air.
+//! Detail textures (grass, asphalt, leaves …) are grey and a little below white: they multiply a vertex colour, which
+//! says what colour the thing is, while the texture says that it is not all of one piece. They repeat without a seam
+//! and have no feature larger than a quarter of their width, because anything larger shows the repetition from the
+//! air.
 
 use super::random::{hash, noise, smoothstep};
 use crate::scene::glb::{Channels, Picture};
@@ -138,7 +139,8 @@ pub(crate) fn office() -> Picture {
     })
 }
 
-/// One bay of a house, 3 m wide and 2.8 m high: a plastered wall with a window. RGB, to be multiplied by the wall's colour.
+/// One bay of a house, 3 m wide and 2.8 m high: a plastered wall with a window. RGB, to be multiplied by the wall's
+/// colour.
 pub(crate) fn house() -> Picture {
     picture(64, 64, Channels::Rgb, |u, v| {
         let (x, y) = ((u - 0.5).abs(), (v - 0.47).abs());

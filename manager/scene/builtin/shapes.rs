@@ -1,8 +1,8 @@
 //! The mesh builder's toolbox: plain shapes that are joined, moved and coloured into buildings, aircraft and hills.
 //!
-//! A [`Shape`] is a list of vertices and triangles, counter-clockwise in front, in f64 until it is written. Every vertex has a normal, a
-//! colour (white unless painted) and texture coordinates (zero unless mapped). Angular things get a vertex per face and
-//! corner; round things share vertices and have smooth normals.
+//! A [`Shape`] is a list of vertices and triangles, counter-clockwise in front, in f64 until it is written. Every
+//! vertex has a normal, a colour (white unless painted) and texture coordinates (zero unless mapped). Angular things
+//! get a vertex per face and corner; round things share vertices and have smooth normals.
 
 use crate::scene::glb::Geometry;
 use glam::{DAffine3, DVec2, DVec3, dvec2, dvec3};
@@ -136,7 +136,8 @@ impl Shape {
         shape
     }
 
-    /// A pitched roof with its two gable ends, ridge along x. The slopes are mapped in metres: u along the ridge, v down.
+    /// A pitched roof with its two gable ends, ridge along x. The slopes are mapped in metres: u along the ridge, v
+    /// down.
     pub(crate) fn gable(x: [f64; 2], y: [f64; 2], z: [f64; 2]) -> Self {
         let middle = (z[0] + z[1]) / 2.0;
         let slope = (dvec2(z[1] - middle, y[1] - y[0])).length();

@@ -1,5 +1,5 @@
-//! PNG files with stored data: larger than compressed ones, but made without a codec, so that their bytes are the same with
-//! every version of every crate.
+//! PNG files with stored data: larger than compressed ones, but made without a codec, so that their bytes are the same
+//! with every version of every crate.
 
 use super::{Channels, Picture};
 

@@ -1,6 +1,7 @@
 //! Aircraft: an airliner of the A320's size, a light high-wing aeroplane of the Cessna 172's, and their shadows.
 //!
-//! Both have their nose towards −Z and stand on the ground at y = 0 at their origin, so that a heading is a turn about Y.
+//! Both have their nose towards −Z and stand on the ground at y = 0 at their origin, so that a heading is a turn about
+//! Y.
 
 use super::super::shapes::{Caps, Shape};
 use super::kit::Kit;

@@ -1,8 +1,8 @@
 //! The flight: twenty seconds of an approach to runway 36, and what moves meanwhile.
 //!
-//! The eye comes from the south-east, turns onto the centre line in the first half, follows the glide path of 3° to the aiming point
-//! and flattens out to a low pass. Everything is a smooth function of time: heading by a polynomial step, height by a soft minimum,
-//! bank by the rate of turn that it belongs to, and a breath of turbulence on top.
+//! The eye comes from the south-east, turns onto the centre line in the first half, follows the glide path of 3° to
+//! the aiming point and flattens out to a low pass. Everything is a smooth function of time: heading by a polynomial
+//! step, height by a soft minimum, bank by the rate of turn that it belongs to, and a breath of turbulence on top.
 
 use super::super::random::smoothstep;
 use super::kit::{heading, level, shadow_of, shadow_shift};
@@ -182,13 +182,14 @@ pub(super) fn traffic(t: f64, road: &[DVec3]) -> Vec<Placed> {
     all
 }
 
-/// The point of the road at this x, `right` metres to the right of its middle for who drives east, and the attitude of a
-/// car that drives east there.
+/// The point of the road at this x, `right` metres to the right of its middle for who drives east, and the attitude of
+/// a car that drives east there.
 fn on_road(road: &[DVec3], x: f64, right: f64) -> (DVec3, DQuat) {
     let k = road.partition_point(|p| p.x < x).clamp(1, road.len() - 1);
     let (a, b) = (road[k - 1], road[k]);
     let t = ((x - a.x) / (b.x - a.x)).clamp(0.0, 1.0);
-    // Corners of the road are rounded off by turning gradually from the middle of one stretch to the middle of the next.
+    // Corners of the road are rounded off by turning gradually from the middle of one stretch to the middle of the
+    // next.
     let direction = |k: usize| (road[k] - road[k - 1]).normalize();
     let (other, blend) = if t < 0.5 { (k.max(2) - 1, 0.5 - t) } else { ((k + 1).min(road.len() - 1), t - 0.5) };
     let east = direction(k).lerp(direction(other), blend).normalize();

@@ -7,8 +7,8 @@ use crate::scene::glb::{AlphaMode, GlbBuilder, MaterialId, MeshId, Node, NodeId,
 use glam::{DQuat, DVec2, DVec3, dvec2, dvec3};
 use serde_json::json;
 
-/// Heights above the level ground of the airfield, m. Faces never lie in one plane: each kind of surface has its own height,
-/// far enough from the next to be told apart from 3 km and too little to be seen floating from 5 m.
+/// Heights above the level ground of the airfield, m. Faces never lie in one plane: each kind of surface has its own
+/// height, far enough from the next to be told apart from 3 km and too little to be seen floating from 5 m.
 pub(super) mod level {
     /// Taxiways and aprons.
     pub(crate) const TAXIWAY: f64 = 0.05;

@@ -1,7 +1,8 @@
 //! Runway 36/18, taxiways and apron, their markings and lamps, and what stands beside them.
 //!
-//! The runway lies along −Z from its southern threshold at the origin. Dimensions follow ICAO Annex 14 as closely as a picture needs:
-//! threshold bars of 30 m, designators of 9 m, centre line of 30 m strokes and 20 m gaps, aiming points 300 m in.
+//! The runway lies along −Z from its southern threshold at the origin. Dimensions follow ICAO Annex 14 as closely as a
+//! picture needs: threshold bars of 30 m, designators of 9 m, centre line of 30 m strokes and 20 m gaps, aiming points
+//! 300 m in.
 
 use super::super::shapes::{Caps, Shape, Vertex};
 use super::kit::{Kit, level};
@@ -324,8 +325,8 @@ fn windsock(kit: &mut Kit, group: NodeId) {
     }
 }
 
-/// The instrument landing system: the glide path's mast with its hut beside the aiming point, and the localizer's row of
-/// antennas beyond the northern end.
+/// The instrument landing system: the glide path's mast with its hut beside the aiming point, and the localizer's row
+/// of antennas beyond the northern end.
 fn radio_aids(kit: &mut Kit, group: NodeId) {
     let orange = dvec3(0.80, 0.24, 0.04);
     let white = dvec3(0.80, 0.80, 0.78);

@@ -1,9 +1,10 @@
 //! The country round the airport: a net of fields whose lines are the field borders and the roads themselves.
 //!
-//! The ground is a net of cells with uneven spacing, fine near the runway and coarse far away. Its lines are bent by a smooth *warp*, so
-//! that nothing looks ruled. Blocks of cells are divided at random into fields, and each field has its own colour and crop rows: borders
-//! are sharp because they are edges of the mesh. A road is a column of the net 8 m wide. Beyond the net rings of coarser cells
-//! reach to the horizon, where haze and hills hide the edge of the world.
+//! The ground is a net of cells with uneven spacing, fine near the runway and coarse far away. Its lines are bent by a
+//! smooth *warp*, so that nothing looks ruled. Blocks of cells are divided at random into fields, and each field has
+//! its own colour and crop rows: borders are sharp because they are edges of the mesh. A road is a column of the net 8
+//! m wide. Beyond the net rings of coarser cells reach to the horizon, where haze and hills hide the edge of the
+//! world.
 
 use super::super::random::{Random, hash, noise, smoothstep};
 use super::super::shapes::{Shape, Vertex};
@@ -125,8 +126,8 @@ fn normal(x: f64, z: f64, step: f64) -> DVec3 {
     dvec3(-dx, 2.0 * step, -dz).normalize()
 }
 
-/// A colour as it looks through the air from near the runway's southern end. The renderer has no haze unless it is told a
-/// visibility; without any, hills look like models.
+/// A colour as it looks through the air from near the runway's southern end. The renderer has no haze unless it is
+/// told a visibility; without any, hills look like models.
 pub(super) fn hazed(color: DVec3, p: DVec3) -> DVec3 {
     let distance = dvec2(p.x, p.z - 300.0).length();
     let haze = 1.0 - libm::exp(-(distance - 1200.0).max(0.0) / 11_000.0);

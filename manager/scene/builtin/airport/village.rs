@@ -270,8 +270,8 @@ pub(super) fn lorry(kit: &mut Kit) -> MeshId {
     kit.mesh("lorry", &[(Shape::join(parts), plain)])
 }
 
-/// Fair-weather clouds: pictures on upright sheets far away, turned towards the airport. From the few hundred metres that
-/// the flight sees of the world they look as if they had depth.
+/// Fair-weather clouds: pictures on upright sheets far away, turned towards the airport. From the few hundred metres
+/// that the flight sees of the world they look as if they had depth.
 pub(super) fn clouds(kit: &mut Kit) {
     let group = kit.group("clouds");
     let mut random = Random::new(kit.random.next());
