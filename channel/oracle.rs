@@ -53,8 +53,16 @@ pub(crate) fn place(meshes: &[(ContentId, DAffine3)]) -> SceneTable {
         subobjects: meshes
             .iter()
             .enumerate()
-            .map(|(i, (mesh, _))| SubobjectRow { object: ObjectId(i as u32), mesh: *mesh })
+            .map(|(i, (mesh, _))| SubobjectRow {
+                object: ObjectId(i as u32),
+                mesh: *mesh,
+                primitive: i as u32,
+                layer: 0,
+                part_of: None,
+                planes: None,
+            })
             .collect(),
+        ..SceneTable::default()
     }
 }
 

@@ -8,9 +8,12 @@
 //! bincode has one safe form here: fixed-size integers, a limit, a slice, and no trailing bytes. Nothing else in the
 //! project may call it (`clippy.toml` bans the free functions).
 
-use crate::ids::{ContentId, ObjectId};
+use crate::ids::{ContentId, ModelId, ObjectId};
 use crate::limits;
-use crate::scene::{Box3, Material, Mesh, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
+use crate::scene::{
+    Box3, LightKind, LightRow, Material, Mesh, ModelPart, ModelRow, NO_PLANE, ObjectRow, PlaneRow, SceneTable, Sphere,
+    SubobjectRow, Texture,
+};
 use bincode::Options;
 use bytes::{Buf, BufMut, Bytes, BytesMut};
 use glam::{DAffine3, DVec3};
@@ -316,46 +319,160 @@ pub fn decode_texture(bytes: Bytes) -> Result<Texture, CodecError> {
     Ok(Texture { width, height, texels })
 }
 
-/// The scene's tables as they travel.
+#[derive(Serialize, Deserialize)]
+struct TableHeader {
+    objects: u64,
+    subobjects: u64,
+    models: u64,
+    planes: u64,
+    face_planes: u64,
+    lights: u64,
+}
+
+/// Bytes of the rows of a table.
+const OBJECT_BYTES: usize = 96;
+const SUBOBJECT_BYTES: usize = 4 + 16 + 4 + 4 + 4 + 4 + 4;
+const MODEL_BYTES: usize = 8;
+const PLANE_BYTES: usize = 4 + 32;
+const LIGHT_BYTES: usize = 4 + 12 + 8 + 8 + 24 + 24;
+/// No model, no planes.
+const NONE: u32 = u32::MAX;
+
+/// The scene's tables as they travel: object transformations, then rows of subobjects (object, mesh, primitive, layer,
+/// model, version, planes), models (merged, versions), planes (object, normal, offset), face planes, lights.
 pub fn encode_table(table: &SceneTable) -> Bytes {
-    let mut payload = Vec::with_capacity(table.objects.len() * 96 + table.subobjects.len() * 20);
+    let mut payload = Vec::with_capacity(table.objects.len() * OBJECT_BYTES + table.subobjects.len() * SUBOBJECT_BYTES);
     for object in &table.objects {
         put_affine(&mut payload, &object.transform);
     }
-    for subobject in &table.subobjects {
-        payload.extend_from_slice(&subobject.object.0.to_le_bytes());
-        payload.extend_from_slice(&subobject.mesh.0);
+    for row in &table.subobjects {
+        payload.extend_from_slice(&row.object.0.to_le_bytes());
+        payload.extend_from_slice(&row.mesh.0);
+        payload.extend_from_slice(&row.primitive.to_le_bytes());
+        payload.extend_from_slice(&row.layer.to_le_bytes());
+        payload.extend_from_slice(&row.part_of.map_or(NONE, |part| part.model.0).to_le_bytes());
+        payload.extend_from_slice(&row.part_of.map_or(0, |part| part.version).to_le_bytes());
+        payload.extend_from_slice(&row.planes.unwrap_or(NONE).to_le_bytes());
     }
-    encode(&(table.objects.len() as u64, table.subobjects.len() as u64), &payload)
+    for model in &table.models {
+        payload.extend_from_slice(&u32::from(model.merged).to_le_bytes());
+        payload.extend_from_slice(&model.versions.to_le_bytes());
+    }
+    for plane in &table.planes {
+        payload.extend_from_slice(&plane.object.0.to_le_bytes());
+        payload.extend_from_slice(bytemuck::cast_slice(&plane.normal.to_array()));
+        payload.extend_from_slice(&plane.offset.to_le_bytes());
+    }
+    payload.extend_from_slice(bytemuck::cast_slice(&table.face_planes));
+    for light in &table.lights {
+        let (kind, range, cones) = match light.kind {
+            LightKind::Directional => (0u32, None, [0.0; 2]),
+            LightKind::Point { range } => (1, range, [0.0; 2]),
+            LightKind::Spot { range, inner_cos, outer_cos } => (2, range, [inner_cos, outer_cos]),
+        };
+        payload.extend_from_slice(&kind.to_le_bytes());
+        payload.extend_from_slice(bytemuck::cast_slice(&light.intensity));
+        payload.extend_from_slice(&range.unwrap_or(f64::INFINITY).to_le_bytes());
+        payload.extend_from_slice(bytemuck::cast_slice(&cones));
+        payload.extend_from_slice(bytemuck::cast_slice(&light.position.to_array()));
+        payload.extend_from_slice(bytemuck::cast_slice(&light.direction.to_array()));
+    }
+    let header = TableHeader {
+        objects: table.objects.len() as u64,
+        subobjects: table.subobjects.len() as u64,
+        models: table.models.len() as u64,
+        planes: table.planes.len() as u64,
+        face_planes: table.face_planes.len() as u64,
+        lights: table.lights.len() as u64,
+    };
+    encode(&header, &payload)
 }
 
-/// The reverse of [`encode_table`]; every subobject's object exists.
+/// The reverse of [`encode_table`]. Every row that a row names exists; a subobject's faces are as many as its mesh has
+/// only if whoever draws it finds so.
 ///
 /// # Errors
 /// [`CodecError`].
 pub fn decode_table(bytes: Bytes) -> Result<SceneTable, CodecError> {
-    let ((objects, subobjects), payload): ((u64, u64), Bytes) = decode(bytes)?;
-    let objects = within("objects", objects, limits::OBJECTS_MAX)?;
-    let subobjects = within("subobjects", subobjects, limits::SUBOBJECTS_MAX)?;
-    let needed = objects * 96 + subobjects * 20;
+    let (header, payload): (TableHeader, Bytes) = decode(bytes)?;
+    let objects = within("objects", header.objects, limits::OBJECTS_MAX)?;
+    let subobjects = within("subobjects", header.subobjects, limits::SUBOBJECTS_MAX)?;
+    let models = within("models", header.models, limits::OBJECTS_MAX)?;
+    let planes = within("planes", header.planes, limits::SUBOBJECTS_MAX)?;
+    let face_planes = within("faces in planes", header.face_planes, limits::BULK_MESSAGE_MAX / 4)?;
+    let lights = within("lights", header.lights, limits::LIGHTS_MAX)?;
+    let needed = objects * OBJECT_BYTES
+        + subobjects * SUBOBJECT_BYTES
+        + models * MODEL_BYTES
+        + planes * PLANE_BYTES
+        + face_planes * 4
+        + lights * LIGHT_BYTES;
     if payload.len() != needed {
         return Err(CodecError::Truncated { what: "scene table", needed: needed as u64, left: payload.len() });
     }
     let mut reader = Reader::new(&payload, "scene table");
-    let mut table = SceneTable { objects: Vec::with_capacity(objects), subobjects: Vec::with_capacity(subobjects) };
+    let mut table = SceneTable::default();
     for _ in 0..objects {
         table.objects.push(ObjectRow { transform: take_affine(&mut reader)? });
     }
     for _ in 0..subobjects {
-        let object: u32 = reader.value()?;
-        if object as usize >= objects {
-            let (value, limit) = (object.into(), objects as u64);
-            return Err(CodecError::Limit { what: "object number of a subobject, plus one,", value, limit });
+        let object = row_number("object of a subobject", reader.value()?, objects)?;
+        let mesh = ContentId(reader.value()?);
+        let (primitive, layer) = (reader.value()?, reader.value()?);
+        let (model, version): (u32, u32) = (reader.value()?, reader.value()?);
+        let part_of = match model {
+            NONE => None,
+            model => Some(ModelPart { model: ModelId(row_number("model of a subobject", model, models)?), version }),
+        };
+        let planes = Some(reader.value()?).filter(|first| *first != NONE);
+        if let Some(first) = planes {
+            row_number("planes of a subobject", first, face_planes)?;
         }
-        table.subobjects.push(SubobjectRow { object: ObjectId(object), mesh: ContentId(reader.value()?) });
+        table.subobjects.push(SubobjectRow { object: ObjectId(object), mesh, primitive, layer, part_of, planes });
+    }
+    for _ in 0..models {
+        let (merged, versions): (u32, u32) = (reader.value()?, reader.value()?);
+        within("versions of a model", versions.into(), limits::VERSIONS_MAX)?;
+        table.models.push(ModelRow { merged: merged != 0, versions });
+    }
+    for row in &table.subobjects {
+        if let Some(part) = row.part_of {
+            row_number("version of a subobject", part.version, table.models[part.model.0 as usize].versions as usize)?;
+        }
+    }
+    for _ in 0..planes {
+        let object = ObjectId(row_number("object of a plane", reader.value()?, objects)?);
+        table.planes.push(PlaneRow { object, normal: DVec3::from_array(reader.value()?), offset: reader.value()? });
+    }
+    table.face_planes = reader.values(face_planes)?;
+    for plane in table.face_planes.iter().filter(|plane| **plane != NO_PLANE) {
+        row_number("plane of a face", *plane, planes)?;
+    }
+    for _ in 0..lights {
+        let kind: u32 = reader.value()?;
+        let intensity = reader.value()?;
+        let range = Some(reader.value::<f64>()?).filter(|range| range.is_finite());
+        let [inner_cos, outer_cos] = reader.value()?;
+        let kind = match kind {
+            0 => LightKind::Directional,
+            1 => LightKind::Point { range },
+            2 => LightKind::Spot { range, inner_cos, outer_cos },
+            _ => return Err(CodecError::Limit { what: "kind of a light", value: kind.into(), limit: 2 }),
+        };
+        let (position, direction) = (DVec3::from_array(reader.value()?), DVec3::from_array(reader.value()?));
+        table.lights.push(LightRow { kind, intensity, position, direction });
     }
     reader.finish()?;
     Ok(table)
+}
+
+/// Checks that a table of `rows` rows has the row `number`.
+fn row_number(what: &'static str, number: u32, rows: usize) -> Result<u32, CodecError> {
+    if (number as usize) < rows {
+        return Ok(number);
+    }
+    // The limit is exclusive; a table without rows has no largest number to name.
+    Err(CodecError::Limit { what, value: u64::from(number) + 1, limit: rows as u64 })
 }
 
 /// Appends an affine map: 12 little-endian f64, the three columns of the matrix and the translation.
@@ -397,25 +514,48 @@ mod tests {
         assert_eq!(decode_mesh(encode_mesh(&mesh())).unwrap(), mesh());
         let texture = Texture { width: 2, height: 1, texels: vec![[1, 2, 3, 4], [5, 6, 7, 8]] };
         assert_eq!(decode_texture(encode_texture(&texture)).unwrap(), texture);
-        let table = SceneTable {
+        assert_eq!(decode_table(encode_table(&table())).unwrap(), table());
+    }
+
+    fn table() -> SceneTable {
+        let part_of = Some(ModelPart { model: ModelId(0), version: 1 });
+        SceneTable {
             objects: vec![ObjectRow { transform: DAffine3::from_translation(DVec3::X) }],
-            subobjects: vec![SubobjectRow { object: ObjectId(0), mesh: ContentId([3; 16]) }],
-        };
-        assert_eq!(decode_table(encode_table(&table)).unwrap(), table);
+            subobjects: vec![SubobjectRow {
+                object: ObjectId(0),
+                mesh: ContentId([3; 16]),
+                primitive: 5,
+                layer: -2,
+                part_of,
+                planes: Some(0),
+            }],
+            models: vec![ModelRow { merged: true, versions: 2 }],
+            planes: vec![PlaneRow { object: ObjectId(0), normal: DVec3::Y, offset: 3.0 }],
+            face_planes: vec![0, NO_PLANE],
+            lights: vec![LightRow {
+                kind: LightKind::Spot { range: Some(9.0), inner_cos: 0.9, outer_cos: 0.8 },
+                intensity: [1.0, 2.0, 3.0],
+                position: DVec3::X,
+                direction: DVec3::NEG_Y,
+            }],
+        }
     }
 
     #[test]
-    fn a_subobject_of_an_object_that_is_not_there_is_refused() {
-        let table = SceneTable {
-            objects: Vec::new(),
-            subobjects: vec![SubobjectRow { object: ObjectId(0), mesh: ContentId([3; 16]) }],
-        };
-        let one = SceneTable {
-            objects: vec![ObjectRow { transform: DAffine3::IDENTITY }],
-            subobjects: vec![SubobjectRow { object: ObjectId(1), mesh: ContentId([3; 16]) }],
-        };
-        assert!(decode_table(encode_table(&one)).is_err());
-        assert!(decode_table(encode_table(&table)).is_err());
+    fn a_row_that_names_a_row_that_is_not_there_is_refused() {
+        let broken: [fn(&mut SceneTable); 6] = [
+            |t| t.subobjects[0].object = ObjectId(1),
+            |t| t.objects.clear(),
+            |t| t.models.clear(),
+            |t| t.models[0].versions = 1,
+            |t| t.planes[0].object = ObjectId(7),
+            |t| t.face_planes[0] = 1,
+        ];
+        for (i, break_it) in broken.iter().enumerate() {
+            let mut table = table();
+            break_it(&mut table);
+            assert!(decode_table(encode_table(&table)).is_err(), "case {i}");
+        }
     }
 
     #[test]
@@ -429,7 +569,7 @@ mod tests {
 
     #[test]
     fn a_claimed_giant_reserves_nothing() {
-        let frame = encode(&(u64::MAX, u64::MAX), &[]);
+        let frame = encode(&[u64::MAX; 6], &[]);
         assert!(matches!(decode_table(frame), Err(CodecError::Limit { .. })));
         let mut header = BytesMut::new();
         header.put_u32_le(u32::MAX);

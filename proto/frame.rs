@@ -1,6 +1,6 @@
 //! One frame: what every board must know to draw it, and the pieces of picture that come back.
 
-use crate::ids::{Epoch, FrameNumber, ObjectId, ViewId};
+use crate::ids::{Epoch, FrameNumber, ModelId, ObjectId, ViewId};
 use crate::view::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DVec3};
@@ -30,6 +30,8 @@ pub struct Environment {
     pub visibility_m: Option<f64>,
     /// The colour that things fade to; `None`: the horizon's, or the constant background.
     pub fog: Option<[f32; 3]>,
+    /// Whether the lights of the scene's file shine too.
+    pub scene_lights: bool,
 }
 
 impl Default for Environment {
@@ -41,6 +43,7 @@ impl Default for Environment {
             background: Background::Sky,
             visibility_m: None,
             fog: None,
+            scene_lights: false,
         }
     }
 }
@@ -65,6 +68,15 @@ pub struct Moved {
     pub object: ObjectId,
     /// Mesh space → world.
     pub transform: DAffine3,
+}
+
+/// How a model's versions are mixed. A model that no frame names shows its finest version alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VersionWeights {
+    /// Which model.
+    pub model: ModelId,
+    /// One weight per version, finest first, each in 0..=1; what is missing to a sum of 1 is a version that shows nothing.
+    pub weights: Vec<f32>,
 }
 
 /// Side of a tile, pixels: the grain of shares, of raster work and of change detection.

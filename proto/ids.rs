@@ -49,6 +49,14 @@ number_id! {
     ObjectId(u32), "object "
 }
 number_id! {
+    /// Index into the plane table of a scene: faces of one plane that lie over each other.
+    PlaneId(u32), "plane "
+}
+number_id! {
+    /// Index into the model table of a scene: what merges its translucent layers, or has versions.
+    ModelId(u32), "model "
+}
+number_id! {
     /// Index into the subobject table of a scene: one mesh drawn with one object's transformation; what lists name.
     SubobjectId(u32), "subobject "
 }

@@ -12,6 +12,10 @@ pub const OBJECTS_MAX: usize = 16_000_000;
 pub const SUBOBJECTS_MAX: usize = 64_000_000;
 /// Most triangles of one subobject: small enough that a list can drop or reorder it as one piece of work.
 pub const TRIANGLES_PER_SUBOBJECT_MAX: usize = 2048;
+/// Most versions of a model.
+pub const VERSIONS_MAX: usize = 16;
+/// Most lights of a scene.
+pub const LIGHTS_MAX: usize = 4096;
 /// Largest side of a texture, texels.
 pub const TEXTURE_SIZE_MAX: u32 = 16_384;
 /// Most entities that one frame moves.

@@ -3,8 +3,8 @@
 
 use crate::chain::{FromBoardChain, ToBoardChain};
 use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
-use crate::frame::{FrameState, Moved, TileIndex};
-use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ObjectId, ViewId};
+use crate::frame::{FrameState, Moved, TileIndex, VersionWeights};
+use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, ViewId};
 use crate::limits;
 use crate::view::View;
 use serde::{Deserialize, Serialize};
@@ -154,6 +154,8 @@ pub struct FrameHeader {
     pub lists: Vec<ListUpdate>,
     /// How many objects the payload moves.
     pub moved: u32,
+    /// How many models' weights the payload has.
+    pub weights: u32,
 }
 
 /// How one view's list changes.
@@ -178,23 +180,31 @@ pub enum ListBase {
     Same,
 }
 
-/// The payload of a frame: the objects that are elsewhere than the tables say, then the list scripts one after the
-/// other. All moved objects of the frame are named, not only those that moved since the last.
+/// The payload of a frame: the objects that are elsewhere than the tables say, the models that don't show their finest
+/// version alone, then the list scripts one after the other. All moved objects and mixed models of the frame are named, not only those
+/// that changed since the last.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FramePayload {
     /// Objects elsewhere.
     pub moved: Vec<Moved>,
+    /// Models whose versions are mixed.
+    pub weights: Vec<VersionWeights>,
     /// List scripts, in the order of [`FrameHeader::lists`].
     pub scripts: Vec<u8>,
 }
 
 impl FramePayload {
-    /// The bytes: 100 per moved object (u32 id, 12 f64), then the scripts.
+    /// The bytes: 100 per moved object (u32 id, 12 f64); per model u32 id, u32 count, that many f32; then the scripts.
     pub fn encode(&self) -> Vec<u8> {
         let mut out = Vec::with_capacity(self.moved.len() * 100 + self.scripts.len());
         for moved in &self.moved {
             out.extend_from_slice(&moved.object.0.to_le_bytes());
             put_affine(&mut out, &moved.transform);
+        }
+        for VersionWeights { model, weights } in &self.weights {
+            out.extend_from_slice(&model.0.to_le_bytes());
+            out.extend_from_slice(&(weights.len() as u32).to_le_bytes());
+            out.extend_from_slice(bytemuck::cast_slice(weights));
         }
         out.extend_from_slice(&self.scripts);
         out
@@ -212,10 +222,17 @@ impl FramePayload {
             let object = ObjectId(reader.value()?);
             moved.push(Moved { object, transform: take_affine(&mut reader)? });
         }
+        let count = within("models with weights", header.weights.into(), limits::MOVED_MAX)?;
+        let mut weights = Vec::with_capacity(count.min(payload.len() / 8));
+        for _ in 0..count {
+            let model = ModelId(reader.value()?);
+            let versions = within("versions of a model", reader.value::<u32>()?.into(), limits::VERSIONS_MAX)?;
+            weights.push(VersionWeights { model, weights: reader.values(versions)? });
+        }
         let total: u64 = header.lists.iter().map(|l| u64::from(l.script_bytes)).sum();
         let scripts = reader.bytes(within("list scripts", total, limits::BULK_MESSAGE_MAX)?)?.to_vec();
         reader.finish()?;
-        Ok(Self { moved, scripts })
+        Ok(Self { moved, weights, scripts })
     }
 }
 

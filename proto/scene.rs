@@ -4,7 +4,7 @@
 //! [`TRIANGLES_PER_SUBOBJECT_MAX`](crate::limits::TRIANGLES_PER_SUBOBJECT_MAX) triangles, a material and tight bounds. An *object* is a
 //! node that carries a mesh; its transformation is shared by all of its subobjects.
 
-use crate::ids::{ContentId, ObjectId};
+use crate::ids::{ContentId, ModelId, ObjectId};
 use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -172,15 +172,94 @@ pub struct ObjectRow {
     pub transform: DAffine3,
 }
 
-/// One row of the subobject table, in the order of the file: where faces of different subobjects coincide, the later
-/// row wins.
+/// One row of the subobject table.
+///
+/// Where faces coincide, the one with the larger (layer, primitive, face number) wins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SubobjectRow {
     /// Whose transformation.
     pub object: ObjectId,
     /// Which geometry.
     pub mesh: ContentId,
+    /// Number of the primitive that it is a piece of, counted over all objects in the order of the file.
+    pub primitive: u32,
+    /// Coplanar layer; a higher one is painted over a lower one.
+    pub layer: i32,
+    /// The model that it is a part of, if that merges layers or has versions.
+    pub part_of: Option<ModelPart>,
+    /// Where the planes of its faces begin in [`SceneTable::face_planes`]; `None`: no face lies over another.
+    pub planes: Option<u32>,
 }
+
+/// A place in a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct ModelPart {
+    /// Which model.
+    pub model: ModelId,
+    /// Which of its versions, 0 the finest.
+    pub version: u32,
+}
+
+/// One row of the model table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModelRow {
+    /// Only the nearest translucent fragment of each version counts (smoke, cloud).
+    pub merged: bool,
+    /// Number of versions, at least one.
+    pub versions: u32,
+}
+
+/// One row of the plane table: n · p = offset in an object's mesh space. All faces of the plane take their depth from it, so
+/// that their order is that of their layers and not of rounding.
+///
+/// It holds for a face as long as neither the face's object nor the plane's is elsewhere than the table says, or they are the
+/// same object.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlaneRow {
+    /// In whose mesh space.
+    pub object: ObjectId,
+    /// Unit normal.
+    pub normal: DVec3,
+    /// Distance from the origin along the normal, m.
+    pub offset: f64,
+}
+
+/// What shines (`KHR_lights_punctual`); used only when [`crate::frame::Environment::scene_lights`] asks for it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LightRow {
+    /// Kind and shape.
+    pub kind: LightKind,
+    /// Colour times intensity, linear RGB: lux for a directional light, candela for the others.
+    pub intensity: [f32; 3],
+    /// World, m; of no meaning for a directional light.
+    pub position: DVec3,
+    /// Unit vector along which it shines, world; of no meaning for a point light.
+    pub direction: DVec3,
+}
+
+/// Shape of a light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum LightKind {
+    /// From infinity.
+    Directional,
+    /// In all directions.
+    Point {
+        /// Beyond it there is no light, m.
+        range: Option<f64>,
+    },
+    /// In a cone.
+    Spot {
+        /// Beyond it there is no light, m.
+        range: Option<f64>,
+        /// Cosine of the angle within which it is full.
+        inner_cos: f32,
+        /// Cosine of the angle beyond which it is nothing.
+        outer_cos: f32,
+    },
+}
+
+/// A face without a plane, in [`SceneTable::face_planes`].
+pub const NO_PLANE: u32 = u32::MAX;
 
 /// The tables that place a scene's meshes. Sent once to each board; frames then name rows.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -189,4 +268,12 @@ pub struct SceneTable {
     pub objects: Vec<ObjectRow>,
     /// Indexed by [`SubobjectId`](crate::ids::SubobjectId).
     pub subobjects: Vec<SubobjectRow>,
+    /// Indexed by [`ModelId`].
+    pub models: Vec<ModelRow>,
+    /// Indexed by [`PlaneId`](crate::ids::PlaneId).
+    pub planes: Vec<PlaneRow>,
+    /// For each face of each subobject that has any: its plane, or [`NO_PLANE`].
+    pub face_planes: Vec<u32>,
+    /// The lights of the file.
+    pub lights: Vec<LightRow>,
 }

@@ -489,7 +489,7 @@ impl Engine {
         let view_count = director.views().len() as u32;
         for (i, key) in wiring.members.iter().enumerate() {
             let Some(board) = boards.get_mut(key) else { continue };
-            let mut payload = FramePayload { moved: std::mem::take(&mut director.moved), scripts: Vec::new() };
+            let mut payload = FramePayload { moved: std::mem::take(&mut director.moved), ..FramePayload::default() };
             let own = shares(BoardId(i as u32), &wiring.weights, view_count);
             let mut lists = Vec::with_capacity(own.len());
             for share in &own {
@@ -498,7 +498,8 @@ impl Engine {
                 lists.push(ListUpdate { view: share.view, base, script_bytes });
             }
             let views = (board.views != director.views_revision).then(|| director.views().to_vec());
-            let header = FrameHeader { state, views, lists, moved: payload.moved.len() as u32 };
+            let (moved, weights) = (payload.moved.len() as u32, payload.weights.len() as u32);
+            let header = FrameHeader { state, views, lists, moved, weights };
             let message = encode(&ToBoard::Frame(header), &payload.encode());
             director.moved = payload.moved;
             let len = message.len() as u64;

@@ -296,7 +296,14 @@ impl Scene {
                 });
                 table.objects.push(ObjectRow { transform: world });
                 for piece in &shape.pieces {
-                    table.subobjects.push(SubobjectRow { object: id, mesh: piece.mesh });
+                    table.subobjects.push(SubobjectRow {
+                        object: id,
+                        mesh: piece.mesh,
+                        primitive: table.subobjects.len() as u32,
+                        layer: 0,
+                        part_of: None,
+                        planes: None,
+                    });
                     subobject_spheres.push(bounds::ball_moved_by(&world, stretch, piece.sphere));
                 }
                 bounds_all = Some(bounds_all.map_or(own, |sum| bounds::box_union(sum, own)));
