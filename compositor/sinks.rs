@@ -115,7 +115,7 @@ impl PngFiles {
     }
 }
 
-/// A JPEG of the picture for the console, at most [`PREVIEW_WIDTH_MAX`] wide (whole-number box reduction).
+/// A JPEG of the picture for the console, at most 1920 pixels wide (whole-number box reduction).
 pub fn preview(picture: &Picture) -> Vec<u8> {
     let step = picture.width.div_ceil(PREVIEW_WIDTH_MAX).max(1);
     let (width, height) = (picture.width / step, picture.height / step);

@@ -12,7 +12,7 @@
 //! again with a jittered back-off; when it is let in, only what it lacks is sent.
 //!
 //! Shutdown travels as one [`CancellationToken`]: the session asks to leave, waits for the backplane's goodbye at
-//! most [`LEAVE_TIMEOUT`], and drops everything else.
+//! most 0.7 s, and drops everything else.
 
 mod neighbours;
 mod outlet;

@@ -17,7 +17,7 @@ use proto::message::{BoardReport, FrameHeader, FramePayload, ListBase, TileMessa
 use proto::share::Share;
 use proto::view::{Pose, View};
 use std::collections::BTreeMap;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError};
+use std::sync::mpsc::{Receiver, Sender};
 use std::time::Instant;
 use tokio::sync::mpsc;
 

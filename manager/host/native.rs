@@ -1,7 +1,7 @@
 //! Native pose packets off a UDP socket ([`proto::pose`] has the bytes).
 //!
 //! The newest packet wins. Packets carry a sequence, and one that is not newer than the last of the same sender is stale; a
-//! sender that was silent for [`SILENCE`], or one at another address, begins anew, because a restarted host counts from zero.
+//! sender that was silent for a second, or one at another address, begins anew, because a restarted host counts from zero.
 
 use proto::time::Time;
 use std::net::SocketAddr;

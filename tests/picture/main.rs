@@ -1,4 +1,9 @@
 //! Pictures of the whole way from file to bytes, by the program itself.
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test suite: a panic is a failure, and what is printed is its report"
+)]
 
 mod bytes;
 mod models;

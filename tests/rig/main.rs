@@ -2,6 +2,11 @@
 //!
 //! Nothing here waits for a while and hopes: each test waits for an event, with a limit only so that a hang becomes a
 //! failure.
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test suite: a panic is a failure, and what is printed is its report"
+)]
 
 mod bad_input;
 mod hostile;

@@ -9,9 +9,9 @@ fn flown(boards: &str) -> std::collections::BTreeMap<String, Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let args = [&FLIGHT[..], &["--boards", boards]].concat();
     let stats = fly(folder.path(), &args);
-    assert_eq!(stats["frames"], 12);
+    assert_eq!(stats["frames"], 12, "every frame once");
     assert_eq!(stats["late_frames"], 0, "lock-step has no deadline");
-    assert_eq!(stats["boards"].to_string(), boards);
+    assert_eq!(stats["boards"].to_string(), boards, "all were there");
     files(folder.path())
 }
 
