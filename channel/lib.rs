@@ -8,8 +8,9 @@
 //! 2. [`geometry`] moves vertices to the eye in f64, clips, rounds them to 1/256 pixel and sets triangles up.
 //! 3. [`raster`] sorts them into tiles and decides, tile by tile, which face each sample sees: coverage in integers,
 //!    depth as one plane per face. No colour is computed yet.
-//! 4. [`translucency`] collects the translucent fragments that lie in front of that, all of them, and orders them.
-//! 5. [`resolve`] shades each face that a pixel sees once ([`shade`], [`texture`]), averages the samples ([`samples`])
+//! 4. [`translucency`] collects the translucent fragments that lie in front of that, all of them, orders them, and mixes
+//!    the versions of models that are in transition.
+//! 5. [`resolve`] shades each face that a pixel sees once ([`shade`], [`lights`], [`texture`]), averages the samples ([`samples`])
 //!    and writes 8-bit sRGB or linear floats.
 //!
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
@@ -17,6 +18,7 @@
 #![forbid(unsafe_code)]
 
 pub mod geometry;
+pub mod lights;
 pub mod pipeline;
 pub mod raster;
 pub mod resolve;
@@ -31,3 +33,5 @@ pub mod worker;
 mod oracle;
 #[cfg(test)]
 mod picture_tests;
+#[cfg(test)]
+mod torture;

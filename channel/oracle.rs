@@ -3,17 +3,18 @@
 //! The sampler shares nothing with the pipeline but the sample points: per sample it asks every face, in i128, whether it
 //! covers the point, sorts all that do by their depth, and mixes them. It knows whole, unlit, untextured faces.
 
+use crate::geometry::camera::Camera;
 use crate::pipeline::{Renderer, TilePictures};
 use crate::samples::Pattern;
 use crate::store::SceneStore;
 use glam::{DAffine3, DVec3};
-use proto::frame::{Background, Environment, FrameState};
-use proto::ids::{ContentId, Epoch, FrameNumber, ObjectId, SubobjectId};
+use proto::frame::{Background, Environment, FrameState, VersionWeights};
+use proto::ids::{ContentId, Epoch, FrameNumber, ModelId, ObjectId, SubobjectId};
 use proto::scene::{
     Alpha, Box3, Filter, Material, Mesh, ObjectRow, SceneTable, Sphere, SubobjectRow, TRANSFORM_IDENTITY, TextureUse,
     Wrap,
 };
-use proto::share::Lattice;
+use proto::share::Part;
 use proto::view::{Pose, Samples, Tangents, View};
 use std::num::NonZeroUsize;
 
@@ -87,13 +88,25 @@ pub(crate) fn content(n: usize) -> ContentId {
 
 /// A store with these meshes, each an object of its own, in this order.
 pub(crate) fn store_of(meshes: Vec<(Mesh, DAffine3)>) -> SceneStore {
+    store_with(meshes, |_| ())
+}
+
+/// The same with the table changed before it is taken.
+pub(crate) fn store_with(meshes: Vec<(Mesh, DAffine3)>, change: impl FnOnce(&mut SceneTable)) -> SceneStore {
     let mut store = SceneStore::new();
     let rows: Vec<_> = meshes.iter().enumerate().map(|(n, (_, transform))| (content(n), *transform)).collect();
     for (n, (mesh, _)) in meshes.into_iter().enumerate() {
         store.insert_mesh(content(n), mesh).unwrap();
     }
-    store.set_table(place(&rows)).unwrap();
+    let mut table = place(&rows);
+    change(&mut table);
+    store.set_table(table).unwrap();
     store
+}
+
+/// All of these models' versions with these weights.
+pub(crate) fn weights(of: &[(u32, &[f32])]) -> Vec<VersionWeights> {
+    of.iter().map(|(model, w)| VersionWeights { model: ModelId(*model), weights: w.to_vec() }).collect()
 }
 
 /// A view of 90° in the shorter direction.
@@ -144,13 +157,13 @@ pub(crate) fn draw_with(
     state: &FrameState,
     view: &View,
     list: &[SubobjectId],
-    lattices: &[Lattice],
+    parts: &[Part],
 ) -> Picture {
     let (width, height) = (view.width as usize, view.height as usize);
     let mut picture = Picture { width, linear: vec![[f32::NAN; 3]; width * height], rgb: vec![[0; 3]; width * height] };
-    for lattice in lattices {
+    for part in parts {
         let mut out = TilePictures::with_linear();
-        renderer.draw(store, state, view, list, lattice, &mut out).unwrap();
+        renderer.draw(store, state, view, list, part, &mut out).unwrap();
         for (k, tile) in out.tiles.iter().enumerate() {
             let rect = tile.rect(view.width, view.height);
             let (bytes, floats) = (out.tile(k), out.tile_linear(k).unwrap());
@@ -171,7 +184,7 @@ pub(crate) fn draw_with(
 /// Draws everything with one thread.
 pub(crate) fn draw(store: &SceneStore, state: &FrameState, view: &View) -> Picture {
     let mut renderer = Renderer::new(NonZeroUsize::MIN).unwrap();
-    draw_with(&mut renderer, store, state, view, &everything(store), &[Lattice::WHOLE])
+    draw_with(&mut renderer, store, state, view, &everything(store), &[Part::WHOLE])
 }
 
 /// A seeded source of numbers (xorshift64*).
@@ -234,8 +247,91 @@ pub(crate) fn point_in_triangle(corners: [[i128; 2]; 3], [px, py]: [i128; 2]) ->
         })
 }
 
+/// The corners of a mesh's faces in the eye's frame. The pipeline's own transformation: what is asked of the sampler is what
+/// becomes of corners, not where they are.
+pub(crate) fn corners_at_eye(state: &FrameState, view: &View, mesh: &Mesh, transform: &DAffine3) -> Vec<[DVec3; 3]> {
+    let camera = Camera::new(state, view);
+    let relative = camera.relative(transform);
+    let at_eye = |v: u32| {
+        let p = camera.view_point(transform.matrix3 * mesh.position(v as usize) + relative);
+        DVec3::new(p.x, p.y, -p.w)
+    };
+    mesh.triangles.iter().map(|corners| corners.map(at_eye)).collect()
+}
+
+/// The picture of opaque faces of one plane that are painted over each other in that order: depth has no say.
+pub(crate) fn paint_by_force(view: &View, faces: &[OracleFace]) -> Vec<[f64; 3]> {
+    let pattern = Pattern::of(view.samples);
+    let screen: Vec<[[i128; 2]; 3]> = faces.iter().map(|f| f.corners.map(|c| on_screen(view, c))).collect();
+    let pixels = (0..view.height).flat_map(|y| (0..view.width).map(move |x| [x, y].map(|c| i128::from(c) * 256)));
+    pixels
+        .map(|[x, y]| {
+            let mut sum = [0.0; 3];
+            for [dx, dy] in &pattern.points[..pattern.count] {
+                let p = [x + i128::from(*dx), y + i128::from(*dy)];
+                let top = (0..faces.len()).rev().find(|k| point_in_triangle(screen[*k], p));
+                for (c, sum) in sum.iter_mut().enumerate() {
+                    *sum += top.map_or(0.0, |k| f64::from(faces[k].color[c]));
+                }
+            }
+            sum.map(|c| c / pattern.count as f64)
+        })
+        .collect()
+}
+
+/// What a face of the sampler belongs to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct OraclePart {
+    pub(crate) model: usize,
+    pub(crate) version: usize,
+}
+
+/// The picture of faces of which some belong to versions of models with weights, `merged` or not: an expectation.
+/// Each model shows one version, or none, with its weight as its probability, independently of the others; the formula of
+/// picture.md is the mean over all combinations, and this function adds them up one by one.
+pub(crate) fn sample_versions_by_force(
+    view: &View,
+    faces: &[(OracleFace, Option<OraclePart>)],
+    models: &[(&[f32], bool)],
+) -> Vec<[f64; 3]> {
+    let mut sum = vec![[0.0; 3]; (view.width * view.height) as usize];
+    let choices: Vec<usize> = models.iter().map(|(weights, _)| weights.len() + 1).collect();
+    for combination in 0..choices.iter().product::<usize>() {
+        let mut rest = combination;
+        let (mut chosen, mut probability) = (Vec::new(), 1.0);
+        for ((weights, _), count) in models.iter().zip(&choices) {
+            let choice = rest % count;
+            rest /= count;
+            let total: f64 = weights.iter().copied().map(f64::from).sum();
+            probability *= weights.get(choice).map_or((1.0 - total).max(0.0), |w| f64::from(*w));
+            chosen.push(choice);
+        }
+        if probability == 0.0 {
+            continue;
+        }
+        let shown: Vec<(OracleFace, Option<usize>)> = faces
+            .iter()
+            .filter(|(_, part)| part.is_none_or(|part| chosen[part.model] == part.version))
+            .map(|(face, part)| (*face, part.map(|part| part.model).filter(|model| models[*model].1)))
+            .collect();
+        for (sum, pixel) in sum.iter_mut().zip(sample_merged_by_force(view, &shown)) {
+            for (sum, c) in sum.iter_mut().zip(pixel) {
+                *sum += c * probability;
+            }
+        }
+    }
+    sum
+}
+
 /// The picture of `faces`, in the order of the file, on a black background: the mean of the samples, linear.
 pub(crate) fn sample_by_force(view: &View, faces: &[OracleFace]) -> Vec<[f64; 3]> {
+    let faces: Vec<_> = faces.iter().map(|face| (*face, None)).collect();
+    sample_merged_by_force(view, &faces)
+}
+
+/// The same where only the nearest translucent fragment of each merged model, named beside the face, counts.
+fn sample_merged_by_force(view: &View, faces: &[(OracleFace, Option<usize>)]) -> Vec<[f64; 3]> {
+    let (faces, merged): (Vec<OracleFace>, Vec<Option<usize>>) = faces.iter().copied().unzip();
     let pattern = Pattern::of(view.samples);
     let screen: Vec<[[i128; 2]; 3]> = faces.iter().map(|f| f.corners.map(|c| on_screen(view, c))).collect();
     let q_at = |k: usize, p: [i128; 2]| {
@@ -255,7 +351,14 @@ pub(crate) fn sample_by_force(view: &View, faces: &[OracleFace]) -> Vec<[f64; 3]
                     (0..faces.len()).filter(|k| point_in_triangle(screen[*k], p)).map(|k| (q_at(k, p), k)).collect();
                 hits.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
                 let mut through = 1.0;
+                let mut met = Vec::new();
                 for (_, k) in hits {
+                    if let Some(model) = merged[k].filter(|_| faces[k].color[3] < 1.0) {
+                        if met.contains(&model) {
+                            continue;
+                        }
+                        met.push(model);
+                    }
                     let [r, g, b, alpha] = faces[k].color.map(f64::from);
                     for (s, c) in sum.iter_mut().zip([r, g, b]) {
                         *s += c * alpha * through;

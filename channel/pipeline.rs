@@ -11,6 +11,7 @@
 use crate::geometry::camera::Camera;
 use crate::geometry::setup::{ClipRecord, Triangle};
 use crate::geometry::transform::{GeometryCounts, GeometryRun, Item};
+use crate::lights::Light;
 use crate::raster::bins::Bins;
 use crate::raster::opaque::{FarBounds, RasterCounts, draw_opaque};
 use crate::raster::visible::{TRIANGLES_MAX, Visible};
@@ -21,7 +22,7 @@ use crate::store::SceneStore;
 use crate::translucency::gather::{Fragments, gather};
 use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
 use proto::ids::SubobjectId;
-use proto::share::Lattice;
+use proto::share::Part;
 use proto::view::{Pose, View};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
@@ -132,9 +133,9 @@ impl TilePictures {
         self.linear.as_ref().map(|linear| &linear[self.starts[k] * 3..self.starts[k + 1] * 3])
     }
 
-    fn begin(&mut self, lattice: &Lattice, width: u32, height: u32) {
+    fn begin(&mut self, part: &Part, width: u32, height: u32) {
         self.tiles.clear();
-        self.tiles.extend(lattice.tiles(width, height));
+        self.tiles.extend(part.tiles(width, height));
         self.starts.clear();
         self.starts.push(0);
         let mut pixels = 0;
@@ -235,7 +236,7 @@ impl Renderer {
         self.scratch.len()
     }
 
-    /// Draws the tiles of `lattice` of a view: the subobjects of `list`, from front to back for speed (the order has no
+    /// Draws the tiles of `part` of a view: the subobjects of `list`, from front to back for speed (the order has no
     /// influence on the picture), where `scene` has them now. `out` is overwritten.
     ///
     /// # Errors
@@ -246,7 +247,7 @@ impl Renderer {
         state: &FrameState,
         view: &View,
         list: &[SubobjectId],
-        lattice: &Lattice,
+        part: &Part,
         out: &mut TilePictures,
     ) -> Result<DrawStats, DrawError> {
         let begun = Instant::now();
@@ -262,13 +263,18 @@ impl Renderer {
 
         let mut stats = DrawStats::default();
         self.geometry(&camera, pattern, visibility_m, &items, &mut stats)?;
-        out.begin(lattice, view.width, view.height);
+        out.begin(part, view.width, view.height);
         let triangles = &self.triangles;
         self.bins
-            .fill(pattern, view.width, view.height, &out.tiles, triangles, |t| items[t.item as usize].is_translucent());
+            .fill(pattern, view.width, view.height, &out.tiles, triangles, |t| items[t.item as usize].is_fragments());
         stats.geometry_ns = nanoseconds(begun);
 
-        let shader = Shader::new(&camera, pattern, &state.environment, &items, triangles, &self.clips);
+        let lights: Vec<Light> = if state.environment.scene_lights {
+            scene.lights().iter().map(|row| Light::new(row, &camera)).collect()
+        } else {
+            Vec::new()
+        };
+        let shader = Shader::new(&camera, pattern, &state.environment, &lights, &items, triangles, &self.clips);
         let mut jobs = jobs(out, view);
         let (bins, scratch) = (&self.bins, &self.scratch);
         self.pool.install(|| {
@@ -339,25 +345,25 @@ fn checked(state: &FrameState) -> Result<FrameState, DrawError> {
 
 /// The list's subobjects, ready to be drawn.
 fn items<'a>(scene: &'a SceneStore, camera: &Camera, list: &[SubobjectId]) -> Result<Vec<Item<'a>>, DrawError> {
-    list.iter()
-        .map(|&subobject| {
-            let subobjects = scene.subobjects();
-            if subobject.0 as usize >= subobjects {
-                return Err(DrawError::UnknownSubobject { subobject, subobjects });
-            }
-            let missing = DrawError::Missing { subobject };
-            let (stored, transform) = scene.placed(subobject).ok_or_else(|| missing.clone())?;
-            let texture = |slot: Option<usize>| match slot {
-                None => Ok(None),
-                Some(slot) => scene.texture(slot).map(Some).ok_or_else(|| missing.clone()),
-            };
-            Ok(Item {
-                base_texture: texture(stored.base_texture)?,
-                emissive_texture: texture(stored.emissive_texture)?,
-                ..Item::new(subobject, stored, transform, camera)
-            })
-        })
-        .collect()
+    list.iter().filter_map(|subobject| item(scene, camera, *subobject).transpose()).collect()
+}
+
+/// One of them; `None` if nothing of it is shown.
+fn item<'a>(scene: &'a SceneStore, camera: &Camera, subobject: SubobjectId) -> Result<Option<Item<'a>>, DrawError> {
+    let subobjects = scene.subobjects();
+    if subobject.0 as usize >= subobjects {
+        return Err(DrawError::UnknownSubobject { subobject, subobjects });
+    }
+    let missing = DrawError::Missing { subobject };
+    let found = scene.find(subobject).ok_or_else(|| missing.clone())?;
+    let Some(mut item) = Item::new(&found, camera) else { return Ok(None) };
+    let texture = |slot: Option<usize>| match slot {
+        None => Ok(None),
+        Some(slot) => scene.texture(slot).map(Some).ok_or_else(|| missing.clone()),
+    };
+    item.base_texture = texture(found.stored.base_texture)?;
+    item.emissive_texture = texture(found.stored.emissive_texture)?;
+    Ok(Some(item))
 }
 
 /// The tiles of `out` with their pixels.
@@ -395,7 +401,7 @@ fn draw_tile(shader: &Shader<'_>, bins: &Bins, scratch: &mut TileScratch, job: &
     let translucent = bins.translucent(job.slot);
     if !translucent.is_empty() {
         let begun = Instant::now();
-        gather(shader, job.rect, translucent, visible, &far, fragments, &mut stats.translucent);
+        gather(shader, job.rect, translucent, visible, &far, fragments, faces, &mut stats.translucent);
         stats.translucency_ns = nanoseconds(begun);
     }
     stats.fragments = fragments.count() as u64;

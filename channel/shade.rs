@@ -12,6 +12,7 @@
 use crate::geometry::camera::Camera;
 use crate::geometry::setup::{ClipRecord, Flags, Triangle, WHOLE_FACE, area_twice};
 use crate::geometry::transform::Item;
+use crate::lights::Light;
 use crate::raster::coverage::Edges;
 use crate::resolve::background::fog;
 use crate::samples::{Pattern, SUBPIXELS};
@@ -38,6 +39,8 @@ pub struct Shader<'a> {
     pub pattern: &'a Pattern,
     /// Light and air.
     pub environment: &'a Environment,
+    /// The lights of the scene's file, if they are asked for.
+    pub lights: &'a [Light],
     /// The frame's list.
     pub items: &'a [Item<'a>],
     /// The frame's triangles.
@@ -47,6 +50,8 @@ pub struct Shader<'a> {
     fog: [f32; 3],
     /// k of the fade e^(−k d), 1/m, and V², m²; `None` in clear air.
     fade: Option<(f64, f64)>,
+    /// Whether light is the same everywhere and depends on the normal alone.
+    lit_alike: bool,
 }
 
 impl<'a> Shader<'a> {
@@ -55,12 +60,14 @@ impl<'a> Shader<'a> {
         camera: &'a Camera,
         pattern: &'a Pattern,
         environment: &'a Environment,
+        lights: &'a [Light],
         items: &'a [Item<'a>],
         triangles: &'a [Triangle],
         clips: &'a [ClipRecord],
     ) -> Self {
         let fade = environment.visibility_m.map(|v| (KOSCHMIEDER / v, v * v));
-        Self { camera, pattern, environment, items, triangles, clips, fog: fog(environment), fade }
+        let lit_alike = lights.iter().all(Light::is_uniform);
+        Self { camera, pattern, environment, lights, items, triangles, clips, fog: fog(environment), fade, lit_alike }
     }
 
     /// Linear RGB, faded, and alpha of a face in the pixel whose upper left is (x, y) sub. Always finite.
@@ -86,8 +93,8 @@ impl<'a> Shader<'a> {
             let [dx, dy] = self.pattern.points[i];
             let q = triangle.plane.at(x + dx, y + dy);
             let [rx, ry] = self.camera.ray(x + dx, y + dy);
-            // d² = (rx² + ry² + 1) / q² ≤ V²
-            within |= u64::from(rx * rx + ry * ry + 1.0 <= range_squared * (q * q)) << i;
+            // d² = (rx² + ry² + 1) / q² ≤ V²; q is not positive at a horizon that a rounded outline reaches beyond.
+            within |= u64::from(q > 0.0 && rx * rx + ry * ry + 1.0 <= range_squared * (q * q)) << i;
         }
         within
     }
@@ -293,8 +300,9 @@ impl Face {
             is_smooth: !material.unlit && (normals[0] != normals[1] || normals[0] != normals[2]),
             unlit: material.unlit,
         };
-        if !face.is_smooth && !face.is_coloured && face.uv.iter().all(Option::is_none) {
-            face.constant = Some(face.lit(shader, base[0], face.emissive, normals[0]));
+        let is_lit_alike = face.unlit || shader.lit_alike;
+        if is_lit_alike && !face.is_smooth && !face.is_coloured && face.uv.iter().all(Option::is_none) {
+            face.constant = Some(face.lit(shader, base[0], face.emissive, normals[0], DVec3::ZERO));
         }
         face
     }
@@ -320,7 +328,13 @@ impl Face {
             } else {
                 self.normals[0]
             };
-            self.lit(shader, base, emissive, normal)
+            let point = if shader.lights.is_empty() {
+                DVec3::ZERO
+            } else {
+                let [rx, ry] = shader.camera.ray(x, y);
+                shader.camera.world_axes(DVec3::new(rx, ry, -1.0) * (self.area / place.sum))
+            };
+            self.lit(shader, base, emissive, normal, point)
         });
         if let Some((per_m, _)) = shader.fade {
             // w = 1/q, and the distance is w times the ray's length.
@@ -334,15 +348,21 @@ impl Face {
         colour
     }
 
-    /// c = base · (ambient + Σ light · max(0, n · d)) + emissive; unlit: c = base.
-    fn lit(&self, shader: &Shader<'_>, base: [f32; 4], emissive: [f32; 3], normal: DVec3) -> [f32; 4] {
+    /// c = base · (ambient + Σ light · max(0, n · d)) + emissive; unlit: c = base. `point` is the place relative to the view's
+    /// eye, world axes; of no meaning where light is the same everywhere.
+    fn lit(&self, shader: &Shader<'_>, base: [f32; 4], emissive: [f32; 3], normal: DVec3, point: DVec3) -> [f32; 4] {
         let mut colour = base;
         if !self.unlit {
             let environment = shader.environment;
             let slope = normal.dot(environment.sun_direction) as f32;
             let light = environment.ambient + environment.sun * if slope > 0.0 { slope } else { 0.0 };
+            let mut light = [light; 3];
+            for other in shader.lights {
+                let more = other.on(point, normal);
+                light = std::array::from_fn(|c| light[c] + more[c] as f32);
+            }
             for c in 0..3 {
-                colour[c] = base[c] * light + emissive[c];
+                colour[c] = base[c] * light[c] + emissive[c];
             }
         }
         colour.map(finite)

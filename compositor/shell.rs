@@ -9,12 +9,13 @@
 //!
 //! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again.
 
-use crate::sinks::{Picture, PngFiles, SinkError, preview};
+use crate::sinks::{FileKind, Files, Picture, SinkError, preview};
 use crate::stitch::Stitcher;
 use bytes::Bytes;
 use futures_util::StreamExt;
 use proto::backoff::Backoff;
 use proto::codec;
+use proto::frame::PixelFormat;
 use proto::ids::BoardKey;
 use proto::limits;
 use proto::link::{self, Link, LinkError};
@@ -40,8 +41,8 @@ pub struct Config {
     pub backplane: String,
     /// Where to listen for boards; port 0: any free port.
     pub listen: SocketAddr,
-    /// Folder for PNG files of every frame.
-    pub out: Option<PathBuf>,
+    /// Folder for files of every frame, and their kind.
+    pub out: Option<(PathBuf, FileKind)>,
     /// End when the rig ends, instead of waiting for the next one.
     pub once: bool,
 }
@@ -91,10 +92,11 @@ pub async fn run(
     let accepting = tokio::spawn(accept(listener, events));
 
     let mut files = match &config.out {
-        Some(folder) => Some(PngFiles::new(folder.clone())?),
+        Some((folder, kind)) => Some(Files::new(folder.clone(), *kind)?),
         None => None,
     };
-    let mut stitcher = Stitcher::new();
+    let format = config.out.as_ref().map_or(PixelFormat::Srgb8, |(_, kind)| kind.format());
+    let mut stitcher = Stitcher::new(format);
     let mut links = std::collections::BTreeMap::new();
     let mut backoff = Backoff::new(u64::from(std::process::id()));
     let result = loop {
@@ -130,10 +132,10 @@ async fn session(
     stitcher: &mut Stitcher,
     links: &mut std::collections::BTreeMap<BoardKey, u64>,
     inbox: &mut mpsc::Receiver<Event>,
-    files: Option<&PngFiles>,
+    files: Option<&Files>,
     backoff: &mut Backoff,
 ) -> End {
-    let mut backplane = match tokio::time::timeout(GREETING_TIMEOUT, greet(config, address)).await {
+    let mut backplane = match tokio::time::timeout(GREETING_TIMEOUT, greet(config, address, stitcher.format())).await {
         Err(_) => return End::Lost(LinkError::Closed),
         Ok(Err(error)) => return End::Lost(error),
         Ok(Ok(Err(reason))) => return End::Failed(CompositorError::Refused(config.backplane.clone(), reason)),
@@ -151,7 +153,11 @@ async fn session(
                 Ok(Some((ToCompositor::Refused { reason }, _))) => {
                     return End::Failed(CompositorError::Refused(config.backplane.clone(), reason));
                 }
-                Ok(Some((ToCompositor::Views(views), _))) => stitcher.set_views(&views),
+                Ok(Some((ToCompositor::Views(views), _))) => {
+                    if !stitcher.set_views(&views) {
+                        tracing::error!("the views make a picture too large to stitch");
+                    }
+                }
                 Ok(Some((ToCompositor::Swap(swap), _))) => stitcher.on_swap(swap),
                 Ok(Some((ToCompositor::Goodbye, _))) => return End::Goodbye,
             },
@@ -171,7 +177,8 @@ async fn session(
             let stitch_ns = started.elapsed().as_nanos() as u64;
             if files.is_some() || shown.preview {
                 let (width, height) = stitcher.size();
-                let picture = Arc::new(Picture { frame: shown.frame, width, height, rgb: stitcher.canvas().to_vec() });
+                let (format, pixels) = (stitcher.format(), stitcher.canvas().to_vec());
+                let picture = Arc::new(Picture { frame: shown.frame, width, height, format, pixels });
                 if let Some(files) = files
                     && !files.write(picture.clone()).await
                 {
@@ -192,14 +199,18 @@ async fn session(
     }
 }
 
-async fn greet(config: &Config, address: SocketAddr) -> Result<Result<Link<TcpStream>, String>, LinkError> {
+async fn greet(
+    config: &Config,
+    address: SocketAddr,
+    format: PixelFormat,
+) -> Result<Result<Link<TcpStream>, String>, LinkError> {
     let stream = TcpStream::connect(&config.backplane).await?;
     stream.set_nodelay(true)?;
     // Listening on any address, we are reached at the one that reaches the backplane.
     let ip = if address.ip().is_unspecified() { stream.local_addr()?.ip() } else { address.ip() };
     let listen = SocketAddr::new(ip, address.port()).to_string();
     let mut backplane = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-    let hello = Hello { name: "compositor".into(), role: Role::Compositor { listen } };
+    let hello = Hello { name: "compositor".into(), role: Role::Compositor { listen, format } };
     link::send(&mut backplane, &hello, &[]).await?;
     match link::expect(&mut backplane).await?.0 {
         ToCompositor::Refused { reason } => Ok(Err(reason)),
@@ -219,8 +230,8 @@ async fn on_event(
             stitcher.on_board(key);
         }
         Event::Message(key, link, message, payload) if links.get(&key) == Some(&link) => match message {
-            TileMessage::Tiles { frame, epoch, view, count, size } => {
-                if let Err(error) = stitcher.on_tiles(key, frame, epoch, view, count, size, payload) {
+            TileMessage::Tiles { frame, epoch, view, count, size, format } => {
+                if let Err(error) = stitcher.on_tiles(key, frame, epoch, view, count, size, format, payload) {
                     tracing::warn!(%key, %error, "malformed tiles: board dropped");
                     links.remove(&key);
                     stitcher.on_lost(key);

@@ -1,11 +1,13 @@
-//! Where stitched pictures go: PNG files, and the console's preview.
+//! Where stitched pictures go: files of every frame, and the console's preview.
 //!
 //! Each sink has a thread of its own, because encoding takes longer than stitching. Files are never lost: their queue
 //! is short and the daemon waits for room, which in lock-step holds the rig back to the speed of the disk. A preview is
 //! only ever a look: when the encoder is busy the picture is skipped.
 
+use image::codecs::openexr::OpenExrEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
+use image::{ExtendedColorType, ImageEncoder, ImageResult};
+use proto::frame::PixelFormat;
 use proto::ids::FrameNumber;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -16,11 +18,11 @@ use tokio::sync::mpsc;
 
 /// Pictures that may wait for the disk.
 const FILES_QUEUE: usize = 4;
-/// A preview is made narrower than this, pixels.
+/// A preview is made no wider than this, pixels.
 const PREVIEW_WIDTH_MAX: u32 = 1920;
 const PREVIEW_QUALITY: u8 = 85;
 
-/// A stitched picture: sRGB, 3 bytes a pixel, row-major.
+/// A stitched picture.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// Which frame.
@@ -29,8 +31,78 @@ pub struct Picture {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// All pixels.
-    pub rgb: Vec<u8>,
+    /// What a pixel is.
+    pub format: PixelFormat,
+    /// All pixels, row-major, tightly packed.
+    pub pixels: Vec<u8>,
+}
+
+/// What frames are written as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FileKind {
+    /// PNG, sRGB, 8 bits.
+    #[default]
+    Png,
+    /// OpenEXR, linear and unclamped, 32-bit floats.
+    Exr,
+    /// The bare pixels, 3 bytes each, sRGB, row-major: what a video encoder reads.
+    Raw,
+}
+
+impl FileKind {
+    /// What pixels it needs.
+    pub const fn format(self) -> PixelFormat {
+        match self {
+            Self::Png | Self::Raw => PixelFormat::Srgb8,
+            Self::Exr => PixelFormat::LinearF32,
+        }
+    }
+
+    /// The files' extension.
+    pub const fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Exr => "exr",
+            Self::Raw => "rgb",
+        }
+    }
+
+    /// The kind with this extension.
+    pub fn of_extension(extension: &str) -> Option<Self> {
+        [Self::Png, Self::Exr, Self::Raw].into_iter().find(|kind| kind.extension() == extension)
+    }
+
+    /// Writes a picture to a file, which appears only when it is whole.
+    ///
+    /// # Errors
+    /// [`SinkError`] names the file.
+    pub fn write(self, path: &Path, picture: &Picture) -> Result<(), SinkError> {
+        if picture.format != self.format() {
+            return Err(SinkError::new(path, "the picture's pixels are not what this kind of file has"));
+        }
+        let mut partial = path.as_os_str().to_owned();
+        partial.push(".partial");
+        let partial = PathBuf::from(partial);
+        let write = || -> ImageResult<()> {
+            let mut file = BufWriter::new(File::create(&partial)?);
+            self.encode(&mut file, picture)?;
+            file.flush()?;
+            Ok(fs::rename(&partial, path)?)
+        };
+        write().map_err(|error| SinkError::new(path, error))
+    }
+
+    fn encode(self, file: &mut (impl Write + io::Seek), picture: &Picture) -> ImageResult<()> {
+        let Picture { width, height, pixels, .. } = picture;
+        match self {
+            Self::Png => {
+                let encoder = PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Adaptive);
+                encoder.write_image(pixels, *width, *height, ExtendedColorType::Rgb8)
+            }
+            Self::Exr => OpenExrEncoder::new(file).write_image(pixels, *width, *height, ExtendedColorType::Rgb32F),
+            Self::Raw => Ok(file.write_all(pixels)?),
+        }
+    }
 }
 
 /// A sink failed.
@@ -47,60 +119,39 @@ impl SinkError {
     }
 }
 
-/// Writes `rgb` (or linear grey when `color` says so) as PNG to a file that appears only when it is whole.
-///
-/// # Errors
-/// [`SinkError`] names the file.
-pub fn write_png(path: &Path, width: u32, height: u32, rgb: &[u8]) -> Result<(), SinkError> {
-    let partial = path.with_extension("png.partial");
-    let write = || -> Result<(), image::ImageError> {
-        let mut file = BufWriter::new(File::create(&partial)?);
-        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive).write_image(
-            rgb,
-            width,
-            height,
-            ExtendedColorType::Rgb8,
-        )?;
-        file.flush()?;
-        Ok(fs::rename(&partial, path)?)
-    };
-    write().map_err(|error| SinkError::new(path, error))
-}
-
 /// Writes every picture as `frame-00000.png` and so on.
 #[derive(Debug)]
-pub struct PngFiles {
+pub struct Files {
     queue: mpsc::Sender<Arc<Picture>>,
     thread: std::thread::JoinHandle<Result<u64, SinkError>>,
 }
 
-impl PngFiles {
+impl Files {
     /// Makes the folder and starts the writer.
     ///
     /// # Errors
     /// When the folder can't be made or the thread not be started.
-    pub fn new(folder: PathBuf) -> Result<Self, SinkError> {
+    pub fn new(folder: PathBuf, kind: FileKind) -> Result<Self, SinkError> {
         fs::create_dir_all(&folder).map_err(|error| SinkError::new(&folder, error))?;
         let (queue, mut pictures) = mpsc::channel::<Arc<Picture>>(FILES_QUEUE);
         let path = folder.clone();
         let write_all = move || {
             let mut written = 0;
             while let Some(picture) = pictures.blocking_recv() {
-                let file = folder.join(format!("frame-{:05}.png", picture.frame.0));
-                write_png(&file, picture.width, picture.height, &picture.rgb)?;
+                let file = folder.join(format!("frame-{:05}.{}", picture.frame.0, kind.extension()));
+                kind.write(&file, &picture)?;
                 written += 1;
             }
             Ok(written)
         };
         let thread = std::thread::Builder::new()
-            .name("png".into())
+            .name("files".into())
             .spawn(write_all)
             .map_err(|error: io::Error| SinkError::new(&path, error))?;
         Ok(Self { queue, thread })
     }
 
-    /// Hands a picture over; waits while the queue is full. An error of the writer comes out of [`Self::finish`], and
-    /// false from here.
+    /// Hands a picture over; waits while the queue is full. False: the writer has failed, and [`Self::finish`] says why.
     pub async fn write(&self, picture: Arc<Picture>) -> bool {
         self.queue.send(picture).await.is_ok()
     }
@@ -111,7 +162,7 @@ impl PngFiles {
     /// The first file that couldn't be written.
     pub fn finish(self) -> Result<u64, SinkError> {
         drop(self.queue);
-        self.thread.join().unwrap_or_else(|_| Err(SinkError { path: "png writer".into(), what: "it panicked".into() }))
+        self.thread.join().unwrap_or_else(|_| Err(SinkError { path: "file writer".into(), what: "it panicked".into() }))
     }
 }
 
@@ -122,12 +173,9 @@ pub fn preview(picture: &Picture) -> Vec<u8> {
     let mut small = Vec::with_capacity((width * height * 3) as usize);
     for y in 0..height {
         for x in 0..width {
-            for c in 0..3 {
+            for channel in 0..3 {
                 let sum: u32 = (0..step * step)
-                    .map(|k| {
-                        let (px, py) = (x * step + k % step, y * step + k / step);
-                        u32::from(picture.rgb[((py * picture.width + px) * 3 + c) as usize])
-                    })
+                    .map(|k| u32::from(shown(picture, x * step + k % step, y * step + k / step, channel)))
                     .sum();
                 small.push((sum / (step * step)) as u8);
             }
@@ -145,35 +193,72 @@ pub fn preview(picture: &Picture) -> Vec<u8> {
     }
 }
 
+/// One channel of a pixel as a screen shows it. Linear light is encoded only roughly (a power of 1/2.2): this is for a
+/// look, the files have the exact values.
+fn shown(picture: &Picture, x: u32, y: u32, channel: u32) -> u8 {
+    let at = ((y * picture.width + x) * 3 + channel) as usize;
+    match picture.format {
+        PixelFormat::Srgb8 => picture.pixels[at],
+        PixelFormat::LinearF32 => {
+            let bytes = &picture.pixels[at * 4..at * 4 + 4];
+            let linear = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+            (linear.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0) as u8
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn files_are_whole_and_named_by_frame() {
+    fn picture(frame: u64, format: PixelFormat, pixels: Vec<u8>) -> Picture {
+        Picture { frame: FrameNumber(frame), width: 2, height: 1, format, pixels }
+    }
+
+    fn write(kind: FileKind, pictures: Vec<Picture>) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        let out = folder.path().join("new");
-        let sink = PngFiles::new(out.clone()).unwrap();
+        let count = pictures.len();
+        let sink = Files::new(folder.path().join("new"), kind).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
-        for frame in [3, 12] {
-            let picture = Picture { frame: FrameNumber(frame), width: 2, height: 1, rgb: vec![9, 8, 7, 6, 5, 4] };
+        for picture in pictures {
             assert!(runtime.block_on(sink.write(Arc::new(picture))));
         }
-        assert_eq!(sink.finish().unwrap(), 2);
-        let read = image::open(out.join("frame-00012.png")).unwrap().into_rgb8();
-        assert_eq!(read.as_raw(), &[9, 8, 7, 6, 5, 4]);
-        assert_eq!(fs::read_dir(&out).unwrap().count(), 2, "no partial file is left");
+        assert_eq!(sink.finish().unwrap(), count as u64);
+        assert_eq!(fs::read_dir(folder.path().join("new")).unwrap().count(), count, "no partial file is left");
+        folder
+    }
+
+    #[test]
+    fn files_are_whole_and_named_by_frame() {
+        let pixels = vec![9, 8, 7, 6, 5, 4];
+        let of = |frame| picture(frame, PixelFormat::Srgb8, pixels.clone());
+        let folder = write(FileKind::Png, vec![of(3), of(12)]);
+        let read = image::open(folder.path().join("new/frame-00012.png")).unwrap().into_rgb8();
+        assert_eq!(read.as_raw(), &pixels);
+        let folder = write(FileKind::Raw, vec![of(0)]);
+        assert_eq!(fs::read(folder.path().join("new/frame-00000.rgb")).unwrap(), pixels);
+    }
+
+    #[test]
+    fn exr_keeps_linear_values_beyond_one() {
+        let values = [0.0f32, 0.25, 3.5, -0.125, 1e-6, 1.0];
+        let pixels = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let folder = write(FileKind::Exr, vec![picture(1, PixelFormat::LinearF32, pixels)]);
+        let read = image::open(folder.path().join("new/frame-00001.exr")).unwrap().into_rgb32f();
+        assert_eq!(read.as_raw(), &values);
     }
 
     #[test]
     fn an_unwritable_folder_is_named() {
-        let error = PngFiles::new(PathBuf::from("/dev/null/x")).unwrap_err().to_string();
+        let error = Files::new(PathBuf::from("/dev/null/x"), FileKind::Png).unwrap_err().to_string();
         assert!(error.starts_with("/dev/null/x: "), "{error}");
     }
 
     #[test]
     fn a_wide_picture_becomes_a_narrow_preview() {
-        let picture = Picture { frame: FrameNumber(0), width: 3840, height: 20, rgb: vec![100; 3840 * 20 * 3] };
+        let format = PixelFormat::Srgb8;
+        let pixels = vec![100; 3840 * 20 * 3];
+        let picture = Picture { frame: FrameNumber(0), width: 3840, height: 20, format, pixels };
         let jpeg = image::load_from_memory(&preview(&picture)).unwrap();
         assert_eq!((jpeg.width(), jpeg.height()), (1920, 10));
     }

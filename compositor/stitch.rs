@@ -10,10 +10,10 @@
 
 use bytes::Bytes;
 use proto::codec::CodecError;
-use proto::frame::TileIndex;
+use proto::frame::{PixelFormat, TileIndex};
 use proto::ids::{BoardKey, Epoch, FrameNumber, ViewId};
 use proto::message::{Swap, split_tiles};
-use proto::view::View;
+use proto::view::ViewSetup;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Swaps that may wait for tiles; beyond, the oldest is given up. Two seconds at 60 Hz: more means that a board's link is
@@ -42,6 +42,7 @@ struct Inbox {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Placed {
     x: u32,
+    y: u32,
     width: u32,
     height: u32,
 }
@@ -65,34 +66,38 @@ pub struct Stitcher {
     views: Vec<Placed>,
     width: u32,
     height: u32,
+    format: PixelFormat,
     canvas: Vec<u8>,
     boards: BTreeMap<BoardKey, Inbox>,
     swaps: VecDeque<Swap>,
 }
 
 impl Stitcher {
-    /// A stitcher without views.
-    pub fn new() -> Self {
-        Self::default()
+    /// A stitcher without views, for pixels of this format.
+    pub fn new(format: PixelFormat) -> Self {
+        Self { format, ..Self::default() }
     }
 
-    /// The views, side by side from the left. A change of sizes clears the canvas.
-    pub fn set_views(&mut self, views: &[View]) {
-        let mut x = 0;
+    /// What its pixels are.
+    pub fn format(&self) -> PixelFormat {
+        self.format
+    }
+
+    /// The views. A change of sizes or places clears the canvas. False, and nothing changes, when the picture would be too
+    /// large.
+    pub fn set_views(&mut self, views: &[ViewSetup]) -> bool {
+        let Some((places, [width, height])) = ViewSetup::layout(views) else { return false };
         let placed: Vec<_> = views
             .iter()
-            .map(|view| {
-                let placed = Placed { x, width: view.width, height: view.height };
-                x += view.width;
-                placed
-            })
+            .zip(places)
+            .map(|(setup, [x, y])| Placed { x, y, width: setup.view.width, height: setup.view.height })
             .collect();
         if placed != self.views {
-            self.width = x;
-            self.height = placed.iter().map(|p| p.height).max().unwrap_or(0);
-            self.canvas = vec![0; self.width as usize * self.height as usize * 3];
+            (self.width, self.height) = (width, height);
+            self.canvas = vec![0; width as usize * height as usize * self.format.bytes()];
             self.views = placed;
         }
+        true
     }
 
     /// Width and height of the stitched picture, pixels.
@@ -100,7 +105,7 @@ impl Stitcher {
         (self.width, self.height)
     }
 
-    /// The stitched picture: sRGB, 3 bytes a pixel, row-major.
+    /// The stitched picture, row-major, tightly packed.
     pub fn canvas(&self) -> &[u8] {
         &self.canvas
     }
@@ -131,15 +136,16 @@ impl Stitcher {
         view: ViewId,
         count: u32,
         size: (u32, u32),
+        format: PixelFormat,
         payload: Bytes,
     ) -> Result<(), CodecError> {
-        let (tiles, rgb) = split_tiles(&payload, count, size)?;
+        let (tiles, pixels) = split_tiles(&payload, count, size, format)?;
         let placed = self.views.get(view.0 as usize);
-        if placed.is_none_or(|placed| (placed.width, placed.height) != size) {
-            // The view has changed meanwhile; the board sends all of it anew in its new size.
+        if format != self.format || placed.is_none_or(|placed| (placed.width, placed.height) != size) {
+            // The view has changed meanwhile; the board sends all of it anew as it now is.
             return Ok(());
         }
-        let pixels_at = payload.len() - rgb.len();
+        let pixels_at = payload.len() - pixels.len();
         if let Some(inbox) = self.boards.get_mut(&key) {
             inbox.runs.push_back(Run { frame, epoch, view, tiles, payload, pixels_at });
         }
@@ -202,9 +208,10 @@ impl Stitcher {
         let mut pixels = &run.payload[run.pixels_at..];
         for tile in &run.tiles {
             let rect = tile.rect(placed.width, placed.height);
-            let row = rect.width() as usize * 3;
+            let bytes = self.format.bytes();
+            let row = rect.width() as usize * bytes;
             for y in rect.y0..rect.y1 {
-                let at = (y as usize * self.width as usize + (placed.x + rect.x0) as usize) * 3;
+                let at = ((placed.y + y) as usize * self.width as usize + (placed.x + rect.x0) as usize) * bytes;
                 let (line, rest) = pixels.split_at(row);
                 self.canvas[at..at + row].copy_from_slice(line);
                 pixels = rest;
@@ -218,12 +225,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use proto::share::shares;
-    use proto::view::{Samples, Tangents};
+    use proto::view::{Samples, Tangents, View};
 
     const SIZE: (u32, u32) = (100, 70);
 
-    fn views(n: u32) -> Vec<View> {
-        View::row(n, SIZE.0, SIZE.1, Tangents::symmetric(45.0, SIZE.0, SIZE.1), Samples::One)
+    fn views(n: u32) -> Vec<ViewSetup> {
+        let row = View::row(n, SIZE.0, SIZE.1, Tangents::symmetric(45.0, SIZE.0, SIZE.1), Samples::One);
+        row.into_iter().map(ViewSetup::new).collect()
     }
 
     /// A board's tiles of one view in a frame, all pixels of the value `shade`.
@@ -243,20 +251,21 @@ mod tests {
         Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: complete.to_vec(), boards, preview: false }
     }
 
-    fn send(stitcher: &mut Stitcher, key: u64, frame: u64, boards: u32, views: u32) {
+    fn send(stitcher: &mut Stitcher, key: u64, frame: u64, boards: u32, view_count: u32) {
         let id = proto::ids::BoardId(key as u32);
-        for share in shares(id, &vec![1; boards as usize], views) {
-            let tiles: Vec<_> = share.lattice.tiles(SIZE.0, SIZE.1).collect();
+        for share in shares(id, &vec![1; boards as usize], &views(view_count)) {
+            let tiles: Vec<_> = share.part.tiles(SIZE.0, SIZE.1).collect();
             let bytes = payload(&tiles, frame as u8 + 1);
             let (frame, count) = (FrameNumber(frame), tiles.len() as u32);
-            stitcher.on_tiles(BoardKey(key), frame, Epoch(1), share.view, count, SIZE, bytes).unwrap();
+            let format = PixelFormat::Srgb8;
+            stitcher.on_tiles(BoardKey(key), frame, Epoch(1), share.view, count, SIZE, format, bytes).unwrap();
         }
         stitcher.on_done(BoardKey(key), FrameNumber(frame), Epoch(1));
     }
 
     fn stitcher(boards: u64, view_count: u32) -> Stitcher {
-        let mut stitcher = Stitcher::new();
-        stitcher.set_views(&views(view_count));
+        let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+        assert!(stitcher.set_views(&views(view_count)), "a picture of usual size");
         (0..boards).for_each(|k| stitcher.on_board(BoardKey(k)));
         stitcher
     }
@@ -325,10 +334,30 @@ mod tests {
     }
 
     #[test]
+    fn views_lie_where_the_rig_puts_them() {
+        let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+        let mut setups = views(2);
+        setups[0].at = Some([0, 70]);
+        setups[1].at = Some([50, 0]);
+        assert!(stitcher.set_views(&setups), "a picture of usual size");
+        assert_eq!(stitcher.size(), (150, 140));
+        stitcher.on_board(BoardKey(0));
+        send(&mut stitcher, 0, 0, 1, 2);
+        stitcher.on_swap(swap(0, &[true, true], &[0]));
+        stitcher.poll().unwrap();
+        let pixel = |x: usize, y: usize| stitcher.canvas()[(y * 150 + x) * 3];
+        assert_eq!((pixel(0, 0), pixel(50, 0), pixel(149, 69), pixel(0, 70), pixel(99, 139)), (0, 1, 1, 1, 1));
+        setups[1].at = Some([u32::MAX, 0]);
+        assert!(!stitcher.set_views(&setups), "no picture is that large");
+    }
+
+    #[test]
     fn tiles_outside_the_view_are_refused() {
         let mut stitcher = stitcher(1, 1);
         let tile = [TileIndex { x: 99, y: 0 }];
-        let result = stitcher.on_tiles(BoardKey(0), FrameNumber(0), Epoch(1), ViewId(0), 1, SIZE, payload(&tile, 0));
+        let format = PixelFormat::Srgb8;
+        let result =
+            stitcher.on_tiles(BoardKey(0), FrameNumber(0), Epoch(1), ViewId(0), 1, SIZE, format, payload(&tile, 0));
         assert!(result.is_err());
     }
 }

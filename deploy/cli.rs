@@ -1,6 +1,6 @@
 //! The command line: every flag is defined here once; parsing, `--help` and the tests come from it.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
@@ -42,11 +42,35 @@ pub(crate) enum Command {
     Inspect(InspectArgs),
     /// Write a built-in scene and its camera path
     Scene(SceneArgs),
+    /// Say whether a rig file is right, and what each view sees
+    Check(CheckArgs),
+    /// Measure
+    #[command(subcommand)]
+    Bench(BenchCommand),
 }
 
 impl Default for Command {
     fn default() -> Self {
         Self::Rig(Box::new(RigArgs::parse_from(["rig"])))
+    }
+}
+
+/// How a view is shared between boards.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ModeArg {
+    /// Every k-th tile of a skewed lattice
+    #[default]
+    Interleave,
+    /// A rectangle each
+    Region,
+}
+
+impl From<ModeArg> for proto::view::Mode {
+    fn from(mode: ModeArg) -> Self {
+        match mode {
+            ModeArg::Interleave => Self::Interleave,
+            ModeArg::Region => Self::Region,
+        }
     }
 }
 
@@ -100,8 +124,8 @@ pub(crate) struct RigArgs {
     #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = positive)]
     pub rate: f64,
     /// How a view is shared between boards
-    #[arg(long, default_value = "interleave", value_parser = ["interleave"])]
-    pub mode: String,
+    #[arg(long, value_enum, default_value_t)]
+    pub mode: ModeArg,
     /// Camera file to fly; the built-in scene's, `SCENE.path.json`, or a flight round the scene by default
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
@@ -111,6 +135,9 @@ pub(crate) struct RigArgs {
     /// Write every stitched frame as frame-00000.png … into this folder; pose k is then frame k and nothing is skipped
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// What frames are written as: png (sRGB, 8 bits), exr (linear, unclamped) or rgb (bare pixels)
+    #[arg(long, default_value = "png", value_parser = file_kind, value_name = "KIND")]
+    pub format: compositor::sinks::FileKind,
     /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
@@ -147,6 +174,9 @@ pub(crate) struct ManagerArgs {
     /// Frames a second
     #[arg(long, env = "CYCLORAMA_RATE", value_name = "HZ", value_parser = positive)]
     pub rate: Option<f64>,
+    /// How a view is shared between boards
+    #[arg(long, env = "CYCLORAMA_MODE", value_enum)]
+    pub mode: Option<ModeArg>,
     /// One frame for each pose, waiting for everybody, instead of a rate
     #[arg(long)]
     pub lock_step: bool,
@@ -223,6 +253,9 @@ pub(crate) struct CompositorArgs {
     /// Write every stitched frame as frame-00000.png … into this folder
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// What frames are written as: png (sRGB, 8 bits), exr (linear, unclamped) or rgb (bare pixels)
+    #[arg(long, default_value = "png", value_parser = file_kind, value_name = "KIND")]
+    pub format: compositor::sinks::FileKind,
     /// Allow addresses other than loopback although links are neither encrypted nor authenticated
     #[arg(long)]
     pub insecure: bool,
@@ -288,9 +321,9 @@ pub(crate) struct RenderArgs {
     #[arg(long, default_value = "1", value_name = "N")]
     pub boards: NonZeroUsize,
     /// How the picture is shared between boards
-    #[arg(long, default_value = "interleave", value_parser = ["interleave"])]
-    pub mode: String,
-    /// The picture to write (.png)
+    #[arg(long, value_enum, default_value_t)]
+    pub mode: ModeArg,
+    /// The picture to write: .png (sRGB, 8 bits), .exr (linear, unclamped) or .rgb (bare pixels)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Print times and counts as JSON
@@ -303,6 +336,63 @@ pub(crate) struct RenderArgs {
 pub(crate) struct InspectArgs {
     /// A glTF file (.glb, .gltf) or the name of a built-in scene
     pub scene: String,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum BenchCommand {
+    /// Time to draw scenes, and with --reference their error
+    Pixels(Box<PixelsArgs>),
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
+)]
+pub(crate) struct PixelsArgs {
+    /// glTF files or names of built-in scenes; the five benchmark scenes by default
+    pub scenes: Vec<String>,
+    /// Camera file for all scenes; each scene's own by default
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Size of the picture, pixels
+    #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Points per pixel, one row for each
+    #[arg(long, default_value = "1,4,8,16,64", value_delimiter = ',', value_parser = samples)]
+    pub samples: Vec<proto::view::Samples>,
+    #[command(flatten)]
+    pub air: AirArgs,
+    /// Threads to draw with
+    #[arg(long, default_value = "2", value_name = "N")]
+    pub threads: NonZeroUsize,
+    /// How many poses, spread over the camera path
+    #[arg(long, default_value = "10", value_name = "N")]
+    pub poses: NonZeroUsize,
+    /// Compare the middle pose's picture with the reference renderer's; slow
+    #[arg(long)]
+    pub reference: bool,
+    /// Write difference pictures into this folder
+    #[arg(long, value_name = "DIR", requires = "reference")]
+    pub diff: Option<PathBuf>,
+    /// Write a chart of error against time per scene into this folder
+    #[arg(long, value_name = "DIR", requires = "reference")]
+    pub plot: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama check rig.toml -o frusta.svg")]
+pub(crate) struct CheckArgs {
+    /// The rig file
+    pub rig: PathBuf,
+    /// Draw the frusta from above into this file
+    #[arg(short, long, value_name = "FILE.svg")]
+    pub output: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -325,6 +415,10 @@ fn size(text: &str) -> Result<(u32, u32), String> {
         Some((w, h)) if (1..=limit).contains(&w) && (1..=limit).contains(&h) => Ok((w, h)),
         _ => Err(format!("expected WIDTHxHEIGHT in pixels, each 1 to {limit}, as in 1280x720")),
     }
+}
+
+fn file_kind(text: &str) -> Result<compositor::sinks::FileKind, String> {
+    compositor::sinks::FileKind::of_extension(text).ok_or_else(|| "expected png, exr or rgb".into())
 }
 
 fn samples(text: &str) -> Result<proto::view::Samples, String> {

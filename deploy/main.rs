@@ -2,8 +2,11 @@
 //! (1: failed, 2: usage).
 #![forbid(unsafe_code)]
 
+mod bench;
+mod check;
 mod cli;
 mod error;
+mod in_process;
 mod output;
 mod render;
 mod rig;
@@ -13,7 +16,7 @@ mod settings;
 mod source;
 
 use clap::Parser;
-use cli::{Cli, Command, HostCommand};
+use cli::{BenchCommand, Cli, Command, HostCommand};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -28,6 +31,8 @@ fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Inspect(args) => source::inspect(&args),
         Command::Scene(args) => source::write_scene(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Bench(BenchCommand::Pixels(args)) => bench::pixels(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

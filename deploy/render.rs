@@ -3,32 +3,31 @@
 
 use crate::cli::RenderArgs;
 use crate::error::CommandError;
+use crate::in_process::InProcess;
 use crate::output::say;
 use crate::serve::processors;
 use crate::{settings, source};
 use bytes::Bytes;
-use channel::pipeline::{DrawStats, Renderer, TilePictures};
-use channel::store::SceneStore;
-use compositor::sinks::write_png;
+use channel::pipeline::{DrawStats, TilePictures};
+use compositor::sinks::{FileKind, Picture};
 use compositor::stitch::Stitcher;
-use glam::{DQuat, DVec3};
 use manager::host::camera::CameraPose;
-use manager::scene::{Entities, Scene};
-use manager::select::{Selection, Selector};
-use proto::frame::{FrameState, Moved};
+use manager::select::Counters;
+use proto::frame::{FrameState, PixelFormat};
 use proto::ids::{BoardId, BoardKey, Epoch, FrameNumber};
 use proto::message::Swap;
 use proto::share::shares;
-use proto::view::{Pose, View};
+use proto::view::{Pose, View, ViewSetup};
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
 /// Runs the command.
 pub(crate) fn run(args: &RenderArgs) -> Result<(), CommandError> {
-    if args.output.extension().is_none_or(|extension| extension != "png") {
+    let extension = args.output.extension().unwrap_or_default().to_string_lossy();
+    let Some(kind) = FileKind::of_extension(&extension) else {
         let shown = args.output.display();
-        return Err(CommandError::said(format!("{shown}: only .png can be written; name the picture so")));
-    }
+        return Err(CommandError::said(format!("{shown}: possible are .png, .exr and .rgb; name the picture so")));
+    };
     let source = source::load(&args.scene, args.camera.as_deref())?;
     let count = source.camera.poses.len();
     let Some(pose) = source.camera.poses.get(args.pose) else {
@@ -50,118 +49,82 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), CommandError> {
         environment: settings::environment(&args.air, &crate::rig_file::Air::default())?,
     };
     let threads = args.threads.unwrap_or_else(processors);
-    let mut bench = Bench::new(&source.scene, threads)?;
-    let drawn = bench.draw(&source.scene, pose, &state, &view, args.boards)?;
-    write_png(&args.output, width, height, drawn.stitcher.canvas())?;
+    let mut drawer = InProcess::new(&source.scene, threads)?;
+    let setup = ViewSetup { mode: args.mode.into(), ..ViewSetup::new(view) };
+    let drawn = draw(&mut drawer, pose, &state, &setup, args.boards, kind.format())?;
+    let pixels = drawn.stitcher.canvas().to_vec();
+    let picture = Picture { frame: state.frame, width, height, format: kind.format(), pixels };
+    kind.write(&args.output, &picture)?;
     if args.stats {
         say(&drawn.to_json(args, threads));
     }
     Ok(())
 }
 
-/// A manager's selection and one renderer that plays all boards.
-struct Bench {
-    store: SceneStore,
-    renderer: Renderer,
-}
-
 struct Drawn {
     stitcher: Stitcher,
     stats: Vec<DrawStats>,
-    selected: Selection,
+    selected: Counters,
     select_ms: f64,
     total_ms: f64,
 }
 
-impl Bench {
-    fn new(scene: &Scene, threads: NonZeroUsize) -> Result<Self, CommandError> {
-        let mut store = SceneStore::new();
-        let refused = |error: channel::store::StoreError| CommandError::said(error.to_string());
-        for (id, texture) in &scene.textures {
-            store.insert_texture(*id, texture.as_ref().clone()).map_err(refused)?;
-        }
-        for (id, mesh) in &scene.meshes {
-            store.insert_mesh(*id, mesh.as_ref().clone()).map_err(refused)?;
-        }
-        store.set_table(scene.table.clone()).map_err(refused)?;
-        let renderer = Renderer::new(threads).map_err(|error| CommandError::said(error.to_string()))?;
-        Ok(Self { store, renderer })
+/// One renderer plays all boards, one after the other; the compositor's stitcher puts their shares together.
+fn draw(
+    drawer: &mut InProcess<'_>,
+    pose: &CameraPose,
+    state: &FrameState,
+    setup: &ViewSetup,
+    boards: NonZeroUsize,
+    format: PixelFormat,
+) -> Result<Drawn, CommandError> {
+    let started = Instant::now();
+    let (view, views) = (&setup.view, std::slice::from_ref(setup));
+    drawer.select(pose, state, view)?;
+    let weights = vec![1; boards.get()];
+    let mut stitcher = Stitcher::new(format);
+    if !stitcher.set_views(views) {
+        return Err(CommandError::said("the picture is too large"));
     }
-
-    fn draw(
-        &mut self,
-        scene: &Scene,
-        pose: &CameraPose,
-        state: &FrameState,
-        view: &View,
-        boards: NonZeroUsize,
-    ) -> Result<Drawn, CommandError> {
-        let started = Instant::now();
-        let entities = placed(scene, pose)?;
-        let mut moved: Vec<Moved> = Vec::new();
-        entities.moved(&mut moved);
-        self.store.set_moved(&moved).map_err(|error| CommandError::said(error.to_string()))?;
-        let mut selected = Selection::default();
-        let visibility = state.environment.visibility_m;
-        Selector::new().select(scene, &entities, state.eye, view, visibility, &mut selected);
-        let select_ms = started.elapsed().as_secs_f64() * 1e3;
-
-        let weights = vec![1; boards.get()];
-        let mut stitcher = Stitcher::new();
-        stitcher.set_views(std::slice::from_ref(view));
-        let mut pictures = TilePictures::new();
-        let mut stats = Vec::new();
-        let mut keys = Vec::new();
-        for board in 0..boards.get() {
-            let key = BoardKey(board as u64);
-            stitcher.on_board(key);
-            keys.push(key);
-            for share in shares(BoardId(board as u32), &weights, 1) {
-                let drawn =
-                    self.renderer.draw(&self.store, state, view, &selected.subobjects, &share.lattice, &mut pictures);
-                stats.push(drawn.map_err(|error| CommandError::said(error.to_string()))?);
-                let (count, size) = (pictures.tiles.len() as u32, (view.width, view.height));
-                let payload = tile_payload(&pictures);
-                stitcher
-                    .on_tiles(key, state.frame, state.epoch, share.view, count, size, payload)
-                    .map_err(|error| CommandError::said(error.to_string()))?;
-            }
-            stitcher.on_done(key, state.frame, state.epoch);
+    let mut pictures = match format {
+        PixelFormat::Srgb8 => TilePictures::new(),
+        PixelFormat::LinearF32 => TilePictures::with_linear(),
+    };
+    let (frame, epoch, size) = (state.frame, state.epoch, (view.width, view.height));
+    let mut stats = Vec::new();
+    let mut keys = Vec::new();
+    for board in 0..boards.get() {
+        let key = BoardKey(board as u64);
+        stitcher.on_board(key);
+        keys.push(key);
+        for share in shares(BoardId(board as u32), &weights, views) {
+            stats.push(drawer.draw(state, view, &share.part, &mut pictures)?);
+            let (count, payload) = (pictures.tiles.len() as u32, tile_payload(&pictures, format));
+            stitcher
+                .on_tiles(key, frame, epoch, share.view, count, size, format, payload)
+                .map_err(|error| CommandError::said(error.to_string()))?;
         }
-        let (frame, epoch) = (state.frame, state.epoch);
-        stitcher.on_swap(Swap { frame, epoch, complete: vec![true], boards: keys, preview: false });
-        if stitcher.poll().is_none() {
-            return Err(CommandError::said("the shares don't make a whole picture; please report this"));
-        }
-        let total_ms = started.elapsed().as_secs_f64() * 1e3;
-        Ok(Drawn { stitcher, stats, selected, select_ms, total_ms })
+        stitcher.on_done(key, frame, epoch);
     }
+    stitcher.on_swap(Swap { frame, epoch, complete: vec![true], boards: keys, preview: false });
+    if stitcher.poll().is_none() {
+        return Err(CommandError::said("the shares don't make a whole picture; please report this"));
+    }
+    let total_ms = started.elapsed().as_secs_f64() * 1e3;
+    Ok(Drawn { stitcher, stats, selected: drawer.selection.counters, select_ms: drawer.select_ms, total_ms })
 }
 
-fn tile_payload(pictures: &TilePictures) -> Bytes {
+fn tile_payload(pictures: &TilePictures, format: PixelFormat) -> Bytes {
     let mut payload = Vec::with_capacity(pictures.tiles.len() * 4 + pictures.rgb.len());
     for tile in &pictures.tiles {
         payload.extend_from_slice(&tile.x.to_le_bytes());
         payload.extend_from_slice(&tile.y.to_le_bytes());
     }
-    payload.extend_from_slice(&pictures.rgb);
-    payload.into()
-}
-
-/// The scene's entities where the pose puts them.
-fn placed(scene: &Scene, pose: &CameraPose) -> Result<Entities, CommandError> {
-    let mut entities = Entities::new(scene);
-    for entity in &pose.entities {
-        let Some(node) = scene.node_by_name(&entity.node) else {
-            return Err(CommandError::said(format!(
-                "the camera moves {:?}, but the scene has no such node",
-                entity.node
-            )));
-        };
-        let at = Pose::checked(DVec3::from_array(entity.position), DQuat::from_array(entity.orientation));
-        entities.set(scene, node, at.map_err(|error| CommandError::said(error.to_string()))?);
+    match (format, &pictures.linear) {
+        (PixelFormat::LinearF32, Some(linear)) => payload.extend(linear.iter().flat_map(|v| v.to_le_bytes())),
+        _ => payload.extend_from_slice(&pictures.rgb),
     }
-    Ok(entities)
+    payload.into()
 }
 
 impl Drawn {
@@ -182,12 +145,12 @@ impl Drawn {
                 "translucency": ms(|s| s.translucency_ns),
                 "resolve": ms(|s| s.resolve_ns),
             },
-            "subobjects": self.selected.counters.subobjects_visible,
+            "subobjects": self.selected.subobjects_visible,
             "triangles": sum(|s| s.geometry.faces_in),
             "triangles_drawn": sum(|s| s.triangles_drawn),
             "fragments": sum(|s| s.fragments),
             "skipped": {
-                "culled": self.selected.counters.subobjects_culled,
+                "culled": self.selected.subobjects_culled,
                 "occluded": sum(|s| s.opaque.occluded + s.translucent.occluded),
                 "backface": sum(|s| s.geometry.backface),
                 "tiles_opaque": sum(|s| s.tiles_opaque),

@@ -3,7 +3,7 @@
 //! Children report on stdout and end when their stdin does, so none is left behind, however the rig itself ends. A board
 //! that dies is reported and the rig goes on; the manager's end is the rig's end.
 
-use crate::cli::{Console, RigArgs, Supervision};
+use crate::cli::{Console, ModeArg, RigArgs, Supervision};
 use crate::error::CommandError;
 use crate::output::{note, say};
 use crate::serve::{ManagerLine, processors, runtime, shutdown_token};
@@ -89,7 +89,7 @@ const COMPOSITOR: usize = 1;
 impl Rig {
     async fn start(args: &RigArgs, camera: &Path, frames: Option<u64>) -> Result<Self, CommandError> {
         let shutdown = shutdown_token(Supervision { supervised: false })?;
-        let row = settings::row(&args.row, &rig_file::RigFile::default())?;
+        let row = settings::row(&args.row, Some(args.mode), &rig_file::RigFile::default())?;
         let boards = args.boards.map_or(row.count as usize, std::num::NonZeroUsize::get);
         let threads = (processors().get() / boards).max(1);
         let size = format!("{}x{}", row.width, row.height);
@@ -99,6 +99,9 @@ impl Rig {
         manager.args(["--views", &row.count.to_string(), "--size", &size]);
         manager.args(["--samples", &row.samples.count().to_string(), "--rate", &args.rate.to_string()]);
         manager.args(["--wait-for-boards", &boards.to_string(), "--wait-for-compositor"]);
+        if args.mode == ModeArg::Region {
+            manager.args(["--mode", "region"]);
+        }
         manager.args(["--console", &console(args.console)]);
         manager.args(air_flags(args));
         if let Some(frames) = frames {
@@ -116,7 +119,7 @@ impl Rig {
 
         let mut compositor = own_command(&["compositor", "--backplane", &backplane.to_string()])?;
         if let Some(out) = &args.out {
-            compositor.arg("--out").arg(out);
+            compositor.arg("--out").arg(out).args(["--format", args.format.extension()]);
         }
         spawn(compositor.stdout(Stdio::null()), "the compositor".into(), &mut children, &mut exits)?;
         let mut host = own_command(&["host", "play"])?;

@@ -1,7 +1,7 @@
 //! Rig files: TOML, every key known by name. `deploy/rigs/annotated.toml` documents each.
 
 use crate::error::CommandError;
-use proto::view::Tangents;
+use proto::view::{Mode, Tangents};
 use serde::Deserialize;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -34,6 +34,23 @@ pub(crate) struct Row {
     pub views: Option<std::num::NonZeroU32>,
     pub size: Option<[u32; 2]>,
     pub samples: Option<u32>,
+    pub mode: Option<ModeEntry>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum ModeEntry {
+    Interleave,
+    Region,
+}
+
+impl From<ModeEntry> for Mode {
+    fn from(entry: ModeEntry) -> Self {
+        match entry {
+            ModeEntry::Interleave => Self::Interleave,
+            ModeEntry::Region => Self::Region,
+        }
+    }
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -53,6 +70,8 @@ pub(crate) struct ViewEntry {
     pub tangents: Option<Tangents>,
     pub near_m: Option<f64>,
     pub samples: Option<u32>,
+    pub mode: Option<ModeEntry>,
+    pub at: Option<[u32; 2]>,
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]

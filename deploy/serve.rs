@@ -165,7 +165,7 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
     let config = compositor::shell::Config {
         backplane: args.backplane.clone(),
         listen: settings::guard(args.listen, args.insecure)?,
-        out: args.out.clone(),
+        out: args.out.clone().map(|folder| (folder, args.format)),
         once: args.supervision.supervised,
     };
     runtime(1)?.block_on(async {

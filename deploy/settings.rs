@@ -1,7 +1,7 @@
 //! From flags, environment and rig file to the configuration that runs: flags win over environment (clap sees to
 //! that), both win over the file, and the defaults are here.
 
-use crate::cli::{AirArgs, Console, ManagerArgs, RowArgs};
+use crate::cli::{AirArgs, Console, ManagerArgs, ModeArg, RowArgs};
 use crate::error::CommandError;
 use crate::rig_file::{Air, RigFile, ViewEntry};
 use crate::source;
@@ -12,7 +12,7 @@ use manager::scene::Scene;
 use proto::chain::ClockMode;
 use proto::frame::{Background, Environment};
 use proto::limits;
-use proto::view::{Pose, Samples, Tangents, View};
+use proto::view::{Mode, Pose, Samples, Tangents, View, ViewSetup};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -46,7 +46,7 @@ pub(crate) fn guard(address: SocketAddr, is_insecure: bool) -> Result<SocketAddr
 }
 
 /// The default row of views.
-pub(crate) fn row(args: &RowArgs, file: &RigFile) -> Result<DefaultRow, CommandError> {
+pub(crate) fn row(args: &RowArgs, mode: Option<ModeArg>, file: &RigFile) -> Result<DefaultRow, CommandError> {
     let file_samples = file.row.samples.map(samples).transpose()?;
     let file_size = file.row.size.map(|[width, height]| (width, height));
     let (width, height) = args.size.or(file_size).unwrap_or(SIZE);
@@ -55,6 +55,7 @@ pub(crate) fn row(args: &RowArgs, file: &RigFile) -> Result<DefaultRow, CommandE
         width,
         height,
         samples: args.samples.or(file_samples).unwrap_or(SAMPLES),
+        mode: mode.map(Mode::from).or(file.row.mode.map(Mode::from)).unwrap_or_default(),
     })
 }
 
@@ -83,7 +84,8 @@ pub(crate) fn environment(args: &AirArgs, file: &Air) -> Result<Environment, Com
     Ok(environment)
 }
 
-fn view(entry: &ViewEntry) -> Result<View, CommandError> {
+/// The projector that a rig file describes.
+pub(crate) fn view(entry: &ViewEntry) -> Result<ViewSetup, CommandError> {
     let [width, height] = entry.size;
     let tangents = match (entry.tangents, entry.vertical_fov_deg) {
         (Some(tangents), None) => tangents,
@@ -108,7 +110,8 @@ fn view(entry: &ViewEntry) -> Result<View, CommandError> {
         samples: entry.samples.map(samples).transpose()?.unwrap_or(SAMPLES),
     };
     if view.is_valid() {
-        Ok(view)
+        let mode = entry.mode.map(Mode::from).unwrap_or_default();
+        Ok(ViewSetup { view, mode, at: entry.at })
     } else {
         let largest = limits::VIEW_SIZE_MAX;
         Err(CommandError::said(format!(
@@ -123,6 +126,7 @@ pub(crate) fn stage(
     scene: Scene,
     camera: &CameraFile,
     args: &RowArgs,
+    mode: Option<ModeArg>,
     air: &AirArgs,
     file: &RigFile,
 ) -> Result<Stage, CommandError> {
@@ -130,13 +134,23 @@ pub(crate) fn stage(
     let eye = first.pose().map_err(|error| CommandError::said(error.to_string()))?;
     let environment = environment(air, &file.air)?;
     let (views, row) = if file.views.is_empty() || args.views.is_some() {
-        let row = row(args, file)?;
+        let row = row(args, mode, file)?;
         (row.views(first.lens(row.width, row.height)), Some(row))
     } else {
-        (file.views.iter().map(view).collect::<Result<Vec<_>, _>>()?, None)
+        let mut views = file.views.iter().map(view).collect::<Result<Vec<_>, _>>()?;
+        if let Some(mode) = mode {
+            views.iter_mut().for_each(|setup| setup.mode = mode.into());
+        }
+        (views, None)
     };
-    if views.len() > limits::VIEWS_MAX || !views.iter().all(View::is_valid) {
+    if views.len() > limits::VIEWS_MAX || !views.iter().all(ViewSetup::is_valid) {
         return Err(CommandError::said(format!("{} views; possible are 1 to {}", views.len(), limits::VIEWS_MAX)));
+    }
+    if ViewSetup::layout(&views).is_none() {
+        let largest = limits::STITCHED_SIZE_MAX;
+        return Err(CommandError::said(format!(
+            "the stitched picture would be larger than {largest} pixels; use smaller views"
+        )));
     }
     Ok(Stage { scene: Arc::new(scene), views, row, environment, eye })
 }
@@ -167,7 +181,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
     };
     let source = source::load(&scene, camera.as_deref())?;
     Ok(Config {
-        stage: stage(source.scene, &source.camera, &args.row, &args.air, &file)?,
+        stage: stage(source.scene, &source.camera, &args.row, args.mode, &args.air, &file)?,
         mode,
         frames: args.frames,
         wait_for_boards: args.wait_for_boards,
@@ -186,6 +200,6 @@ pub(crate) fn check_example(file: &RigFile) {
         view(entry).unwrap_or_else(|error| panic!("{error}"));
     }
     let args = RowArgs { views: None, size: None, samples: None };
-    row(&args, file).unwrap_or_else(|error| panic!("{error}"));
+    row(&args, None, file).unwrap_or_else(|error| panic!("{error}"));
     environment(&AirArgs::default(), &file.air).unwrap_or_else(|error| panic!("{error}"));
 }

@@ -587,7 +587,7 @@ mod tests {
             let _ = decode::<FromBoard>(bytes.clone());
             let _ = decode::<TileMessage>(bytes.clone());
             let _ = decode::<NeighbourMessage>(bytes.clone());
-            let _ = split_tiles(&bytes, 3, (100, 100));
+            let _ = split_tiles(&bytes, 3, (100, 100), crate::frame::PixelFormat::Srgb8);
         }
 
         #[test]

@@ -1,6 +1,6 @@
 //! One frame: what every board must know to draw it, and the pieces of picture that come back.
 
-use crate::ids::{Epoch, FrameNumber, ModelId, ObjectId, ViewId};
+use crate::ids::{Epoch, FrameNumber, ModelId, ObjectId};
 use crate::view::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DVec3};
@@ -135,18 +135,22 @@ pub fn tile_grid(width: u32, height: u32) -> (u32, u32) {
     (width.div_ceil(TILE), height.div_ceil(TILE))
 }
 
-/// Finished pixels of some tiles of one view: sRGB-encoded RGB, 3 bytes a pixel, each tile row-major and tightly
-/// packed, one tile after the other.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TileRun {
-    /// Which frame.
-    pub frame: FrameNumber,
-    /// Drawn under which wiring.
-    pub epoch: Epoch,
-    /// Which view.
-    pub view: ViewId,
-    /// Which tiles, in the order of their pixels.
-    pub tiles: Vec<TileIndex>,
-    /// All pixels.
-    pub rgb: Vec<u8>,
+/// What a finished pixel is on its way from a board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PixelFormat {
+    /// RGB, sRGB-encoded, 8 bits each.
+    #[default]
+    Srgb8,
+    /// RGB, linear and unclamped, three little-endian f32.
+    LinearF32,
+}
+
+impl PixelFormat {
+    /// Bytes of one pixel.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::Srgb8 => 3,
+            Self::LinearF32 => 12,
+        }
+    }
 }

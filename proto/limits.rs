@@ -2,6 +2,8 @@
 
 /// Largest side of a view, pixels.
 pub const VIEW_SIZE_MAX: u32 = 16_384;
+/// Largest side of the stitched picture, pixels.
+pub const STITCHED_SIZE_MAX: u32 = 65_535;
 /// Most views of a rig.
 pub const VIEWS_MAX: usize = 64;
 /// Most boards in the row.
@@ -26,6 +28,8 @@ pub const CONTROL_MESSAGE_MAX: usize = 1 << 20;
 pub const BULK_MESSAGE_MAX: usize = 1 << 28;
 /// Longest name of a board, node or host that travels, bytes.
 pub const NAME_MAX: usize = 256;
+/// Most models in one native pose packet.
+pub const POSE_MODELS_MAX: usize = 64;
 /// Most entities in one native pose packet.
 pub const POSE_ENTITIES_MAX: usize = 512;
 

@@ -3,10 +3,10 @@
 
 use crate::chain::{FromBoardChain, ToBoardChain};
 use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
-use crate::frame::{FrameState, Moved, TileIndex, VersionWeights};
+use crate::frame::{FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
 use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, ViewId};
 use crate::limits;
-use crate::view::View;
+use crate::view::ViewSetup;
 use serde::{Deserialize, Serialize};
 
 /// First message of whoever connects to the backplane.
@@ -32,6 +32,8 @@ pub enum Role {
     Compositor {
         /// Where boards can reach it, `host:port`.
         listen: String,
+        /// What it wants pixels as.
+        format: PixelFormat,
     },
 }
 
@@ -149,7 +151,9 @@ pub struct FrameHeader {
     /// What all boards share.
     pub state: FrameState,
     /// The views, when they are not those of the frame before.
-    pub views: Option<Vec<View>>,
+    pub views: Option<Vec<ViewSetup>>,
+    /// What pixels are sent as.
+    pub format: PixelFormat,
     /// For each view that this board draws, how its list changes.
     pub lists: Vec<ListUpdate>,
     /// How many objects the payload moves.
@@ -262,7 +266,7 @@ pub enum ToCompositor {
         reason: String,
     },
     /// The views from the next swap on.
-    Views(Vec<View>),
+    Views(Vec<ViewSetup>),
     /// Show a frame.
     Swap(Swap),
     /// The rig ends: finish what is queued, then end.
@@ -299,7 +303,8 @@ pub enum TileMessage {
         /// The board's key with the backplane.
         key: BoardKey,
     },
-    /// Tiles that changed. Payload: 4 bytes per tile index, then the pixels ([`crate::frame::TileRun`]).
+    /// Tiles that changed. Payload: 4 bytes per tile index, then the pixels, each tile row-major and tightly
+    /// packed, one tile after the other.
     Tiles {
         /// Which frame.
         frame: FrameNumber,
@@ -311,6 +316,8 @@ pub enum TileMessage {
         count: u32,
         /// Size of the view that they belong to, pixels.
         size: (u32, u32),
+        /// What the pixels are.
+        format: PixelFormat,
     },
     /// All tiles of the frame have been sent.
     Done {
@@ -326,7 +333,12 @@ pub enum TileMessage {
 ///
 /// # Errors
 /// [`CodecError`].
-pub fn split_tiles(payload: &[u8], count: u32, size: (u32, u32)) -> Result<(Vec<TileIndex>, &[u8]), CodecError> {
+pub fn split_tiles(
+    payload: &[u8],
+    count: u32,
+    size: (u32, u32),
+    format: PixelFormat,
+) -> Result<(Vec<TileIndex>, &[u8]), CodecError> {
     for side in [size.0, size.1] {
         within("side of a view", side.into(), limits::VIEW_SIZE_MAX as usize)?;
     }
@@ -340,9 +352,9 @@ pub fn split_tiles(payload: &[u8], count: u32, size: (u32, u32)) -> Result<(Vec<
         within("tile row", tile.y.into(), rows.saturating_sub(1) as usize)?;
         pixels += tile.rect(size.0, size.1).area();
     }
-    let rgb = reader.bytes(pixels * 3)?;
+    let pixels = reader.bytes(pixels * format.bytes())?;
     reader.finish()?;
-    Ok((tiles, rgb))
+    Ok((tiles, pixels))
 }
 
 /// Board ↔ board: the neighbour link. The right board opens it.

@@ -9,7 +9,7 @@
 //! | 6 | u16 | flags | bit 0: answer me; bit 1: a lens follows; the others are zero |
 //! | 8 | u32 | sequence | +1 each packet; a packet that is not newer than the last (modulo 2³²) is dropped |
 //! | 12 | u16 | entities | how many entity blocks follow, at most 512 |
-//! | 14 | u16 | reserved | zero |
+//! | 14 | u16 | models | how many model blocks follow the entities, at most 64 |
 //! | 16 | f64 × 3 | position | the eye, world frame, m |
 //! | 40 | f64 × 4 | orientation | eye → world, quaternion x y z w |
 //! | 72 | f64 × 4 | lens | only with flag bit 1: tangents left, right, bottom, top of a view's window |
@@ -23,6 +23,17 @@
 //! | 8 | u64 | entity | which |
 //! | 16 | f64 × 3 | position | world frame, m |
 //! | 40 | f64 × 4 | orientation | entity → world, quaternion x y z w |
+//!
+//! Model block, for models with versions (levels of detail) that the host mixes itself:
+//!
+//! | offset | type | name | meaning |
+//! |---|---|---|---|
+//! | 0 | u64 | name | FNV-1a 64 hash of the name of the model's node |
+//! | 8 | u32 | count | how many weights follow, at most 16 |
+//! | 12 | u32 | reserved | zero |
+//! | 16 | f32 × count | weights | one per version, finest first, each 0 to 1; what is missing to 1 shows nothing |
+//!
+//! Entities keep their last pose until they get another; models are mixed only in the frames whose packet says so.
 //!
 //! Manager → host, in answer to packets with flag bit 0 (16 bytes): magic `CYCS`, u16 version, u16 flags (bit 0: lock-step,
 //! the host sends the next pose only after this), u32 the sequence that was drawn last, u32 low half of the frame number
@@ -48,7 +59,11 @@ const FLAG_ANSWER: u16 = 1;
 const FLAG_LENS: u16 = 2;
 
 const _: () = assert!(
-    POSE_PACKET_LEN + LENS_LEN + limits::POSE_ENTITIES_MAX * ENTITY_LEN <= 65_507,
+    POSE_PACKET_LEN
+        + LENS_LEN
+        + limits::POSE_ENTITIES_MAX * ENTITY_LEN
+        + limits::POSE_MODELS_MAX * (16 + 4 * limits::VERSIONS_MAX)
+        <= 65_507,
     "a full packet must fit a UDP datagram"
 );
 
@@ -75,6 +90,15 @@ pub struct EntityPose {
     pub pose: Pose,
 }
 
+/// A model and how its versions are mixed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelWeights {
+    /// [`name_hash`] of its node's name.
+    pub name: u64,
+    /// One per version, finest first.
+    pub weights: Vec<f32>,
+}
+
 /// What a host says once per frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PosePacket {
@@ -88,6 +112,8 @@ pub struct PosePacket {
     pub lens: Option<Tangents>,
     /// Entities to move; the others stay.
     pub entities: Vec<EntityPose>,
+    /// Models whose versions are mixed in this frame.
+    pub models: Vec<ModelWeights>,
 }
 
 /// What the manager says back.
@@ -116,6 +142,9 @@ pub enum PacketError {
     /// The lens is no window.
     #[error("the lens is not a window: left < right and bottom < top must hold")]
     Lens,
+    /// The weights are no mixture.
+    #[error("the weights of a model's versions must each be 0 to 1, and together at most 1")]
+    Weights,
     /// Too short, too long or too many.
     #[error(transparent)]
     Codec(#[from] CodecError),
@@ -125,8 +154,10 @@ impl PosePacket {
     /// The datagram.
     ///
     /// # Panics
-    /// With more than [`limits::POSE_ENTITIES_MAX`] entities.
+    /// With more than [`limits::POSE_ENTITIES_MAX`] entities, [`limits::POSE_MODELS_MAX`] models or
+    /// [`limits::VERSIONS_MAX`] weights.
     pub fn encode(&self) -> Vec<u8> {
+        assert!(self.models.len() <= limits::POSE_MODELS_MAX, "{} models in one packet", self.models.len());
         assert!(self.entities.len() <= limits::POSE_ENTITIES_MAX, "{} entities in one packet", self.entities.len());
         let mut out = Vec::with_capacity(POSE_PACKET_LEN + LENS_LEN + self.entities.len() * ENTITY_LEN);
         out.extend_from_slice(b"CYCP");
@@ -135,7 +166,7 @@ impl PosePacket {
         out.extend_from_slice(&flags.to_le_bytes());
         out.extend_from_slice(&self.sequence.to_le_bytes());
         out.extend_from_slice(&(self.entities.len() as u16).to_le_bytes());
-        out.extend_from_slice(&[0; 2]);
+        out.extend_from_slice(&(self.models.len() as u16).to_le_bytes());
         put_pose(&mut out, &self.eye);
         if let Some(lens) = self.lens {
             out.extend_from_slice(bytemuck::cast_slice(&[lens.left, lens.right, lens.bottom, lens.top]));
@@ -148,6 +179,12 @@ impl PosePacket {
             out.extend_from_slice(&kind.to_le_bytes());
             out.extend_from_slice(&number.to_le_bytes());
             put_pose(&mut out, pose);
+        }
+        for ModelWeights { name, weights } in &self.models {
+            assert!(weights.len() <= limits::VERSIONS_MAX, "{} versions of one model", weights.len());
+            out.extend_from_slice(&name.to_le_bytes());
+            out.extend_from_slice(&(weights.len() as u64).to_le_bytes());
+            out.extend_from_slice(bytemuck::cast_slice(weights));
         }
         out
     }
@@ -169,7 +206,8 @@ impl PosePacket {
         let sequence = reader.value()?;
         let count: u16 = reader.value()?;
         let count = within("entities of a pose packet", count.into(), limits::POSE_ENTITIES_MAX)?;
-        reader.bytes(2)?;
+        let models: u16 = reader.value()?;
+        let models = within("models of a pose packet", models.into(), limits::POSE_MODELS_MAX)?;
         let eye = take_pose(&mut reader)?;
         let lens = if flags & FLAG_LENS == 0 {
             None
@@ -193,8 +231,9 @@ impl PosePacket {
             };
             entities.push(EntityPose { entity, pose: take_pose(&mut reader)? });
         }
+        let models = (0..models).map(|_| take_model(&mut reader)).collect::<Result<_, _>>()?;
         reader.finish()?;
-        Ok(Self { sequence, answer: flags & FLAG_ANSWER != 0, eye, lens, entities })
+        Ok(Self { sequence, answer: flags & FLAG_ANSWER != 0, eye, lens, entities, models })
     }
 }
 
@@ -235,6 +274,18 @@ fn put_pose(out: &mut Vec<u8>, pose: &Pose) {
     out.extend_from_slice(bytemuck::cast_slice(&pose.orientation.to_array()));
 }
 
+fn take_model(reader: &mut Reader<'_>) -> Result<ModelWeights, PacketError> {
+    let name = reader.value()?;
+    let count: u32 = reader.value()?;
+    reader.bytes(4)?;
+    let weights = reader.values::<f32>(within("versions of a model", count.into(), limits::VERSIONS_MAX)?)?;
+    let sum: f32 = weights.iter().sum();
+    if !weights.iter().all(|w| (0.0..=1.0).contains(w)) || sum > 1.0 + 1e-6 {
+        return Err(PacketError::Weights);
+    }
+    Ok(ModelWeights { name, weights })
+}
+
 fn take_pose(reader: &mut Reader<'_>) -> Result<Pose, PacketError> {
     let position = DVec3::from_array(reader.value()?);
     let orientation = DQuat::from_array(reader.value()?);
@@ -256,14 +307,15 @@ mod tests {
                 EntityPose { entity: EntityRef::NameHash(name_hash("airliner")), pose: Pose::IDENTITY },
                 EntityPose { entity: EntityRef::Number(4), pose: Pose::IDENTITY },
             ],
+            models: vec![ModelWeights { name: name_hash("bus"), weights: vec![0.25, 0.75] }],
         }
     }
 
     #[test]
     fn the_layout_is_the_documented_one() {
         let bytes = packet().encode();
-        assert_eq!(bytes.len(), 72 + 32 + 2 * 72);
-        assert_eq!(bytes[..16], *b"CYCP\x01\x00\x03\x00\x07\x00\x00\x00\x02\x00\x00\x00");
+        assert_eq!(bytes.len(), 72 + 32 + 2 * 72 + 16 + 8);
+        assert_eq!(bytes[..16], *b"CYCP\x01\x00\x03\x00\x07\x00\x00\x00\x02\x00\x01\x00");
         assert_eq!(bytes[16..24], 1.0f64.to_le_bytes());
         assert_eq!(bytes[64..72], 1.0f64.to_le_bytes(), "w of the orientation");
         assert_eq!(bytes[72..80], (-1.0f64).to_le_bytes(), "left tangent");
@@ -293,7 +345,7 @@ mod tests {
         }
 
         #[test]
-        fn a_damaged_packet_is_refused_or_valid(at in 0usize..248, byte in any::<u8>(), cut in 0usize..248) {
+        fn a_damaged_packet_is_refused_or_valid(at in 0usize..272, byte in any::<u8>(), cut in 0usize..272) {
             let mut bytes = packet().encode();
             bytes[at] = byte;
             if let Ok(packet) = PosePacket::decode(&bytes) {

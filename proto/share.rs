@@ -9,7 +9,9 @@
 
 use crate::frame::{TileIndex, tile_grid};
 use crate::ids::{BoardId, ViewId};
+use crate::view::{Mode, ViewSetup};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// The tiles of one view that one board draws: those whose residue (x + skew·y) mod modulus lies in `first..end`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,8 +35,65 @@ impl Lattice {
         let residue = (u64::from(tile.x) + u64::from(self.skew) * u64::from(tile.y)) % u64::from(self.modulus);
         (u64::from(self.first)..u64::from(self.end)).contains(&residue)
     }
+}
 
-    /// The owned tiles of a view of `width` × `height` pixels, row by row.
+/// A rectangle of tiles: `x0..x1` × `y0..y1`, upper ends excluded; may be empty.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TileRect {
+    /// First column.
+    pub x0: u32,
+    /// First row.
+    pub y0: u32,
+    /// One past the last column.
+    pub x1: u32,
+    /// One past the last row.
+    pub y1: u32,
+}
+
+impl TileRect {
+    fn owns(&self, tile: TileIndex) -> bool {
+        (self.x0..self.x1).contains(&u32::from(tile.x)) && (self.y0..self.y1).contains(&u32::from(tile.y))
+    }
+
+    /// Cuts across the longer side so that the first part has about `first` of `first + second`.
+    fn cut(self, first: u64, second: u64) -> (Self, Self) {
+        let part = |from: u32, to: u32| {
+            // Rounded to the nearest border between tiles.
+            let length = u64::from(to - from);
+            from + ((2 * length * first + first + second) / (2 * (first + second))) as u32
+        };
+        if self.x1 - self.x0 >= self.y1 - self.y0 {
+            let x = part(self.x0, self.x1);
+            (Self { x1: x, ..self }, Self { x0: x, ..self })
+        } else {
+            let y = part(self.y0, self.y1);
+            (Self { y1: y, ..self }, Self { y0: y, ..self })
+        }
+    }
+}
+
+/// Some tiles of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Part {
+    /// Of a skewed lattice.
+    Lattice(Lattice),
+    /// A rectangle.
+    Region(TileRect),
+}
+
+impl Part {
+    /// Every tile.
+    pub const WHOLE: Self = Self::Lattice(Lattice::WHOLE);
+
+    /// Whether the tile belongs to this part.
+    pub fn owns(&self, tile: TileIndex) -> bool {
+        match self {
+            Self::Lattice(lattice) => lattice.owns(tile),
+            Self::Region(rect) => rect.owns(tile),
+        }
+    }
+
+    /// The tiles of this part in a view of `width` × `height` pixels, row by row.
     pub fn tiles(&self, width: u32, height: u32) -> impl Iterator<Item = TileIndex> + '_ {
         let (columns, rows) = tile_grid(width, height);
         (0..rows)
@@ -49,40 +108,87 @@ pub struct Share {
     /// Which view.
     pub view: ViewId,
     /// Which of its tiles.
-    pub lattice: Lattice,
+    pub part: Part,
 }
 
-/// What board `id` of `weights.len()` boards draws of `views` views, ascending by view.
+/// Each board's stretch of a line of `views` views, in units of 1/W of a view, W the sum of weights: a view has W units,
+/// board i has V·w_i of them, one board after the other.
+fn stretches(weights: &[u32], views: u32) -> impl Iterator<Item = Range<u64>> + '_ {
+    assert!(weights.iter().all(|w| *w > 0), "a board without weight is not in the row");
+    weights.iter().scan(0, move |start, weight| {
+        let from = *start;
+        *start += u64::from(views) * u64::from(*weight);
+        Some(from..*start)
+    })
+}
+
+fn overlap(a: &Range<u64>, b: &Range<u64>) -> Range<u64> {
+    a.start.max(b.start)..a.end.min(b.end)
+}
+
+/// The views of which board `id` draws a part.
+///
+/// # Panics
+/// If `id` is not below `weights.len()` or a weight is zero.
+pub fn views_of(id: BoardId, weights: &[u32], views: u32) -> Range<u32> {
+    let total: u64 = weights.iter().map(|w| u64::from(*w)).sum();
+    let own = stretches(weights, views).nth(id.0 as usize).expect("the board is in the row");
+    (own.start / total) as u32..own.end.div_ceil(total) as u32
+}
+
+/// What board `id` of `weights.len()` boards draws of `views`, ascending by view.
 ///
 /// `weights` holds one small positive integer per board, in the order of ids. The shares of all boards cover every tile
 /// of every view exactly once.
 ///
 /// # Panics
 /// If `id` is not below `weights.len()` or a weight is zero.
-pub fn shares(id: BoardId, weights: &[u32], views: u32) -> Vec<Share> {
-    let place = id.0 as usize;
-    assert!(place < weights.len(), "board {place} of {}", weights.len());
-    assert!(weights.iter().all(|w| *w > 0), "a board without weight is not in the row");
-    // Lengths in units of 1/W of a view, W = the sum of weights: a view has W of them, board i has V·w_i.
+pub fn shares(id: BoardId, weights: &[u32], views: &[ViewSetup]) -> Vec<Share> {
+    let count = views.len() as u32;
     let total: u64 = weights.iter().map(|w| u64::from(*w)).sum();
-    let before: u64 = weights[..place].iter().map(|w| u64::from(*w)).sum();
-    let start = u64::from(views) * before;
-    let end = start + u64::from(views) * u64::from(weights[place]);
-    let skew = skew(total as u32);
-    (0..views)
-        .filter_map(|view| {
-            let origin = u64::from(view) * total;
-            let (first, last) = (start.max(origin), end.min(origin + total));
-            if first >= last {
-                return None;
+    let all: Vec<_> = stretches(weights, count).collect();
+    let own = &all[id.0 as usize];
+    let share = |view: u32| {
+        let line = u64::from(view) * total..(u64::from(view) + 1) * total;
+        let units = overlap(own, &line);
+        let setup = &views[view as usize];
+        let part = match setup.mode {
+            _ if units == line => Part::WHOLE,
+            Mode::Interleave => Part::Lattice(Lattice {
+                modulus: total as u32,
+                skew: skew(total as u32),
+                first: (units.start - line.start) as u32,
+                end: (units.end - line.start) as u32,
+            }),
+            Mode::Region => {
+                let sharers = all.iter().map(|stretch| overlap(stretch, &line)).filter(|part| !part.is_empty());
+                let parts: Vec<(u64, bool)> = sharers.map(|part| (part.end - part.start, part == units)).collect();
+                let (x1, y1) = tile_grid(setup.view.width, setup.view.height);
+                Part::Region(region(TileRect { x0: 0, y0: 0, x1, y1 }, &parts))
             }
-            let (first, last) = ((first - origin) as u32, (last - origin) as u32);
-            let whole = first == 0 && u64::from(last) == total;
-            let lattice =
-                if whole { Lattice::WHOLE } else { Lattice { modulus: total as u32, skew, first, end: last } };
-            Some(Share { view: ViewId(view), lattice })
-        })
-        .collect()
+        };
+        Share { view: ViewId(view), part }
+    };
+    views_of(id, weights, count).map(share).collect()
+}
+
+/// The rectangle of the sharer that is marked: the sharers are halved by weight again and again, and the rectangle with
+/// them, across its longer side.
+fn region(rect: TileRect, sharers: &[(u64, bool)]) -> TileRect {
+    if sharers.len() == 1 {
+        return rect;
+    }
+    let total: u64 = sharers.iter().map(|(weight, _)| weight).sum();
+    let mut first = 0;
+    let mut at = 0;
+    // At least one on either side; otherwise as near to half as possible.
+    while at == 0 || (at + 1 < sharers.len() && 2 * first + sharers[at].0 <= total) {
+        first += sharers[at].0;
+        at += 1;
+    }
+    let (left, right) = rect.cut(first, total - first);
+    let (before, after) = sharers.split_at(at);
+    if before.iter().any(|(_, own)| *own) { region(left, before) } else { region(right, after) }
 }
 
 /// The skew k with the least worst imbalance over all rectangles of at least 16·W tiles, for W = 2, 3, …: found by trying
@@ -129,50 +235,79 @@ fn shortest_squared(modulus: u32, k: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::view::{Samples, Tangents, View};
     use proptest::prelude::*;
 
-    fn owners(weights: &[u32], views: u32, width: u32, height: u32) -> Vec<u32> {
-        let (columns, rows) = tile_grid(width, height);
-        let mut count = vec![0; (views * columns * rows) as usize];
-        for id in 0..weights.len() {
-            for share in shares(BoardId(id as u32), weights, views) {
-                for tile in share.lattice.tiles(width, height) {
-                    count[((share.view.0 * rows + u32::from(tile.y)) * columns + u32::from(tile.x)) as usize] += 1;
-                }
-            }
-        }
-        count
+    fn setups(count: u32, width: u32, height: u32, mode: Mode) -> Vec<ViewSetup> {
+        let views = View::row(count, width, height, Tangents::symmetric(45.0, width, height), Samples::One);
+        views.into_iter().map(|view| ViewSetup { mode, ..ViewSetup::new(view) }).collect()
+    }
+
+    fn count(share: &Share, width: u32, height: u32) -> usize {
+        share.part.tiles(width, height).count()
     }
 
     proptest! {
         #[test]
         fn every_tile_of_every_view_has_one_owner(
             weights in prop::collection::vec(1u32..5, 1..17), views in 1u32..9,
-            width in 1u32..900, height in 1u32..600,
+            width in 1u32..900, height in 1u32..600, region in any::<bool>(),
         ) {
-            prop_assert!(owners(&weights, views, width, height).iter().all(|n| *n == 1));
+            let mode = if region { Mode::Region } else { Mode::Interleave };
+            let setups = setups(views, width, height, mode);
+            let (columns, rows) = tile_grid(width, height);
+            let mut owners = vec![0; (views * columns * rows) as usize];
+            for id in (0..weights.len()).map(|id| BoardId(id as u32)) {
+                let shares = shares(id, &weights, &setups);
+                let drawn = shares.iter().map(|s| s.view.0).collect::<Vec<_>>();
+                prop_assert_eq!(drawn, views_of(id, &weights, views).collect::<Vec<_>>());
+                for share in shares {
+                    for tile in share.part.tiles(width, height) {
+                        owners[((share.view.0 * rows + u32::from(tile.y)) * columns + u32::from(tile.x)) as usize] += 1;
+                    }
+                }
+            }
+            prop_assert!(owners.iter().all(|n| *n == 1));
         }
     }
 
     #[test]
     fn as_many_boards_as_views_get_one_whole_view_each() {
-        for id in 0..5 {
-            let got = shares(BoardId(id), &[1; 5], 5);
-            assert_eq!(got, [Share { view: ViewId(id), lattice: Lattice::WHOLE }]);
+        for mode in [Mode::Interleave, Mode::Region] {
+            for id in 0..5 {
+                let got = shares(BoardId(id), &[1; 5], &setups(5, 640, 360, mode));
+                assert_eq!(got, [Share { view: ViewId(id), part: Part::WHOLE }]);
+            }
         }
     }
 
     #[test]
     fn two_boards_serve_three_views_half_and_half() {
-        let tiles =
-            |id| -> usize { shares(BoardId(id), &[1, 1], 3).iter().map(|s| s.lattice.tiles(1280, 704).count()).sum() };
-        assert_eq!((tiles(0), tiles(1)), (40 * 22 * 3 / 2, 40 * 22 * 3 / 2));
+        for mode in [Mode::Interleave, Mode::Region] {
+            let tiles = |id| -> usize {
+                let shares = shares(BoardId(id), &[1, 1], &setups(3, 1280, 704, mode));
+                shares.iter().map(|s| count(s, 1280, 704)).sum()
+            };
+            assert_eq!((tiles(0), tiles(1)), (40 * 22 * 3 / 2, 40 * 22 * 3 / 2));
+        }
     }
 
     #[test]
     fn a_heavier_board_gets_more() {
-        let share = |id| shares(BoardId(id), &[3, 1], 1)[0].lattice.tiles(1280, 1280).count();
-        assert_eq!((share(0), share(1)), (1200, 400));
+        for mode in [Mode::Interleave, Mode::Region] {
+            let share = |id| count(&shares(BoardId(id), &[3, 1], &setups(1, 1280, 1280, mode))[0], 1280, 1280);
+            assert_eq!((share(0), share(1)), (1200, 400));
+        }
+    }
+
+    #[test]
+    fn seven_regions_of_a_screen_are_rectangles_of_about_the_same_area() {
+        let setups = setups(1, 1920, 1080, Mode::Region);
+        for id in 0..7 {
+            let share = shares(BoardId(id), &[1; 7], &setups)[0];
+            let tiles = count(&share, 1920, 1080);
+            assert!((0.8..=1.2).contains(&(tiles as f64 * 7.0 / (60.0 * 34.0))), "board {id}: {tiles} tiles");
+        }
     }
 
     /// Largest share over mean share, for every rectangle of at least 16·n tiles. Where the rectangle lies doesn't matter:

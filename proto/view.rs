@@ -221,6 +221,54 @@ impl View {
     }
 }
 
+/// How a view is shared between boards.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Mode {
+    /// Every k-th tile of a skewed lattice (seed 001).
+    #[default]
+    Interleave,
+    /// A rectangle each (seed 002's sub-areas; sort-first).
+    Region,
+}
+
+/// A view and its place in the rig.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewSetup {
+    /// What is shown.
+    pub view: View,
+    /// How it is shared between boards.
+    pub mode: Mode,
+    /// Where its upper left pixel lies in the stitched picture; `None`: to the right of the view before.
+    pub at: Option<[u32; 2]>,
+}
+
+impl ViewSetup {
+    /// Interleaved, to the right of the view before.
+    pub fn new(view: View) -> Self {
+        Self { view, mode: Mode::default(), at: None }
+    }
+
+    /// Where each view lies in the stitched picture, and that picture's size; `None` when it would be larger than
+    /// [`crate::limits::STITCHED_SIZE_MAX`] allows.
+    pub fn layout(views: &[Self]) -> Option<(Vec<[u32; 2]>, [u32; 2])> {
+        let mut x = 0u32;
+        let mut size = [0u32; 2];
+        let mut places = Vec::with_capacity(views.len());
+        for setup in views {
+            let at = setup.at.unwrap_or([x, 0]);
+            x = at[0].checked_add(setup.view.width)?;
+            size = [size[0].max(x), size[1].max(at[1].checked_add(setup.view.height)?)];
+            places.push(at);
+        }
+        (size.iter().all(|side| *side <= crate::limits::STITCHED_SIZE_MAX)).then_some((places, size))
+    }
+
+    /// Whether every number is usable.
+    pub fn is_valid(&self) -> bool {
+        self.view.is_valid()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -99,7 +99,27 @@ impl Camera {
 
     /// The translation of an object relative to the view's eye, world axes.
     pub fn relative(&self, transform: &DAffine3) -> DVec3 {
-        (transform.translation - self.eye_world) - self.offset_world
+        self.relative_point(transform.translation)
+    }
+
+    /// A direction or a relative position from world axes to the view's axes, Z backwards.
+    pub fn view_axes(&self, relative: DVec3) -> DVec3 {
+        self.to_view * relative
+    }
+
+    /// The way back.
+    pub fn world_axes(&self, relative: DVec3) -> DVec3 {
+        self.to_view.transpose() * relative
+    }
+
+    /// Width and height of a sub-pixel at distance 1.
+    pub fn steps(&self) -> [f64; 2] {
+        [self.step_x, self.step_y]
+    }
+
+    /// A position in the world relative to the view's eye, world axes.
+    pub fn relative_point(&self, position: DVec3) -> DVec3 {
+        (position - self.eye_world) - self.offset_world
     }
 
     /// A position relative to the view's eye, from world axes to view axes.
@@ -135,6 +155,6 @@ impl Camera {
     /// A ray of [`Camera::ray`] as a unit vector in world axes.
     pub fn ray_world(&self, ray: [f64; 2]) -> DVec3 {
         let [x, y] = ray;
-        (self.to_view.transpose() * DVec3::new(x, y, -1.0)) / (x * x + y * y + 1.0).sqrt()
+        self.world_axes(DVec3::new(x, y, -1.0)) / (x * x + y * y + 1.0).sqrt()
     }
 }

@@ -6,6 +6,7 @@
 //!
 //! - [`camera`]: one view's numbers, world → eye → screen.
 //! - [`clip`]: what crosses the near plane or leaves the range of the integers, cut so that neighbours agree.
+//! - [`plane`]: the plane of inverse distance that faces lying over each other share.
 //! - [`setup`]: the triangle that the raster stage works on.
 //! - [`transform`]: the stage itself, subobject by subobject.
 //!
@@ -13,5 +14,6 @@
 
 pub mod camera;
 pub mod clip;
+pub mod plane;
 pub mod setup;
 pub mod transform;

@@ -48,6 +48,9 @@ impl Flags {
     /// Some vertex is farther than the range of visibility: samples must be asked.
     pub const BEYOND: u8 = 4;
 
+    /// Its fragments belong to a model.
+    pub const PART: u8 = 8;
+
     /// Whether a bit is set.
     #[inline]
     pub fn has(self, bit: u8) -> bool {
@@ -66,7 +69,7 @@ pub struct Triangle {
     pub plane: Plane,
     /// Inverse distance at the corners, 1/m.
     pub q: [f64; 3],
-    /// Place in the file, subobject before face: where two are equally near, the larger wins.
+    /// Layer, primitive, face, in this order: where two are equally near, the larger wins.
     pub order: u64,
     /// Index into the frame's list.
     pub item: u32,
@@ -74,7 +77,7 @@ pub struct Triangle {
     pub face: u32,
     /// Index of the [`ClipRecord`], or [`WHOLE_FACE`].
     pub clip: u32,
-    /// Order of corners, side, range.
+    /// Order of corners, side, range, model.
     pub flags: Flags,
 }
 

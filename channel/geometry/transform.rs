@@ -8,12 +8,13 @@
 
 use super::camera::{Camera, ViewPoint};
 use super::clip::{ClippedFace, outside};
-use super::setup::{ClipRecord, Flags, Triangle, WHOLE_FACE, area_twice};
+use super::plane::{FacePlanes, cofactors};
+use super::setup::{ClipRecord, Flags, Plane, Triangle, WHOLE_FACE, area_twice};
 use crate::samples::Pattern;
-use crate::store::StoredMesh;
+use crate::store::{Found, Presence, StoredMesh};
 use crate::texture::MipTexture;
-use glam::{DAffine3, DMat3, DVec3};
-use proto::ids::SubobjectId;
+use crate::translucency::models::Member;
+use glam::{DMat3, DVec3};
 use proto::scene::Alpha;
 
 /// Coordinates beyond this, m, are taken for nonsense: their squares would leave f64's range. The face is dropped.
@@ -22,8 +23,8 @@ const COORDINATE_MAX: f64 = 1e100;
 /// One subobject of a frame's list, ready to be drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct Item<'a> {
-    /// Its row in the subobject table.
-    pub id: SubobjectId,
+    /// Place of its (layer, primitive) in the file: where faces coincide the larger wins.
+    pub rank: u32,
     /// Its geometry and material.
     pub stored: &'a StoredMesh,
     /// Mesh axes → world axes.
@@ -34,6 +35,12 @@ pub struct Item<'a> {
     pub mirrored: bool,
     /// Normals from mesh axes to world axes; lengths mean nothing.
     pub normals: DMat3,
+    /// What its fragments belong to, if they aren't each a layer of their own.
+    pub part: Option<Member<'a>>,
+    /// Whether all of its faces are fragments, opaque ones as well: its model is in transition.
+    pub in_transition: bool,
+    /// The planes of the faces that lie over others.
+    pub planes: Option<FacePlanes<'a>>,
     /// The base colour's texture.
     pub base_texture: Option<&'a MipTexture>,
     /// The emissive colour's texture.
@@ -41,31 +48,42 @@ pub struct Item<'a> {
 }
 
 impl<'a> Item<'a> {
-    /// A subobject placed by `transform`, without its textures.
-    pub fn new(id: SubobjectId, stored: &'a StoredMesh, transform: &DAffine3, camera: &Camera) -> Self {
-        let linear = transform.matrix3;
+    /// A subobject without its textures; `None` if nothing of it is shown.
+    pub(crate) fn new(found: &Found<'a>, camera: &Camera) -> Option<Self> {
+        let is_blend = matches!(found.stored.mesh.material.alpha, Alpha::Blend);
+        let (part, in_transition) = match found.presence {
+            Presence::Absent => return None,
+            Presence::Ordinary => (None, false),
+            Presence::Merged(part) => (is_blend.then_some(part), false),
+            Presence::InTransition(part) => (Some(part), true),
+        };
+        let linear = found.transform.matrix3;
         let mirrored = linear.determinant() < 0.0;
         // The inverse transpose is the matrix of cofactors divided by the determinant. Only its direction counts, so that
         // the determinant's sign is enough, and a flattened object still has normals.
         let sign = if mirrored { -1.0 } else { 1.0 };
-        let cofactors = DMat3::from_cols(
-            linear.y_axis.cross(linear.z_axis) * sign,
-            linear.z_axis.cross(linear.x_axis) * sign,
-            linear.x_axis.cross(linear.y_axis) * sign,
-        );
-        Self {
-            id,
-            stored,
+        Some(Self {
+            rank: found.rank,
+            stored: found.stored,
             linear,
-            relative: camera.relative(transform),
+            relative: camera.relative(found.transform),
             mirrored,
-            normals: cofactors,
+            normals: cofactors(&linear) * sign,
+            part,
+            in_transition,
+            planes: found.planes,
             base_texture: None,
             emissive_texture: None,
-        }
+        })
     }
 
-    /// Whether its faces are translucent, each fragment a layer.
+    /// Whether its faces are kept as fragments: they are translucent, or its model is in transition.
+    #[inline]
+    pub fn is_fragments(&self) -> bool {
+        self.in_transition || self.is_translucent()
+    }
+
+    /// Whether its alpha is a saturation.
     #[inline]
     pub fn is_translucent(&self) -> bool {
         matches!(self.stored.mesh.material.alpha, Alpha::Blend)
@@ -196,6 +214,8 @@ impl GeometryRun {
     fn set_up(&mut self, camera: &Camera, pattern: &Pattern, visibility_m: f64, item: &Item<'_>, number: u32) {
         let mesh = &item.stored.mesh;
         let double_sided = mesh.material.double_sided;
+        let mut last_plane = None;
+        let part = if item.part.is_some() { Flags::PART } else { 0 };
         self.counts.faces_in += mesh.triangles.len() as u64;
         for (face, corners) in mesh.triangles.iter().enumerate() {
             let v = corners.map(|c| self.vertices[c as usize]);
@@ -212,13 +232,13 @@ impl GeometryRun {
             let seed = Triangle {
                 x: [0; 3],
                 y: [0; 3],
-                plane: super::setup::Plane::default(),
+                plane: Plane::default(),
                 q: [0.0; 3],
-                order: u64::from(item.id.0) << 32 | u64::from(mesh.face_numbers[face]),
+                order: u64::from(item.rank) << 32 | u64::from(mesh.face_numbers[face]),
                 item: number,
                 face: face as u32,
                 clip: WHOLE_FACE,
-                flags: Flags(if any & BEYOND != 0 { Flags::BEYOND } else { 0 }),
+                flags: Flags(part | if any & BEYOND != 0 { Flags::BEYOND } else { 0 }),
             };
             if v[0].cut | v[1].cut | v[2].cut == 0 {
                 if v.iter().all(|v| v.point.w > visibility_m) {
@@ -230,14 +250,16 @@ impl GeometryRun {
                 let order = if flags & Flags::SWAPPED != 0 { [0, 2, 1] } else { [0, 1, 2] };
                 let triangle = Triangle { flags: Flags(seed.flags.0 | flags), ..seed };
                 let corners = order.map(|k| (v[k].sub, v[k].q));
-                if let Some(triangle) = placed(camera, pattern, triangle, corners) {
+                let shared = item.planes.as_ref().and_then(|planes| planes.of_face(camera, face, &mut last_plane));
+                if let Some(triangle) = placed(camera, pattern, triangle, corners, shared) {
                     self.triangles.push(triangle);
                 } else {
                     self.counts.no_sample += 1;
                 }
             } else {
                 self.counts.clipped += 1;
-                self.set_up_clipped(camera, pattern, item.mirrored, double_sided, seed, v.map(|v| v.point));
+                let shared = item.planes.as_ref().and_then(|planes| planes.of_face(camera, face, &mut last_plane));
+                self.set_up_clipped(camera, pattern, item, shared, seed, v.map(|v| v.point));
             }
         }
     }
@@ -261,8 +283,8 @@ impl GeometryRun {
         &mut self,
         camera: &Camera,
         pattern: &Pattern,
-        mirrored: bool,
-        double_sided: bool,
+        item: &Item<'_>,
+        shared: Option<Plane>,
         seed: Triangle,
         points: [ViewPoint; 3],
     ) {
@@ -278,7 +300,7 @@ impl GeometryRun {
         // The whole polygon faces one way, and its pieces with it. Rounding may have dented a corner of it by a
         // sub-pixel: take the first fan without a piece turned over.
         let area: i64 = fan(0).map(area_of).sum();
-        let Some(flags) = self.side(area, mirrored, double_sided) else { return };
+        let Some(flags) = self.side(area, item.mirrored, item.stored.mesh.material.double_sided) else { return };
         let swapped = flags & Flags::SWAPPED != 0;
         let is_good = |piece: [usize; 3]| if swapped { area_of(piece) <= 0 } else { area_of(piece) >= 0 };
         let apex = (0..count).find(|apex| fan(*apex).all(is_good)).unwrap_or(0);
@@ -290,10 +312,11 @@ impl GeometryRun {
                 continue;
             }
             let triangle = Triangle { flags: Flags(seed.flags.0 | flags), clip: self.clips.len() as u32, ..seed };
-            let placed = placed(camera, pattern, triangle, order.map(|k| (sub[k], 1.0 / corners[k].point.w)));
+            let corners = order.map(|k| (sub[k], 1.0 / corners[k].point.w));
+            let placed = placed(camera, pattern, triangle, corners, shared);
             if let Some(triangle) = placed {
                 let before = (self.triangles.len() - first) as u8;
-                self.clips.push(ClipRecord { weights: order.map(|k| corners[k].weights), before, pieces: 0 });
+                self.clips.push(ClipRecord { weights: order.map(|k| clipped.corners()[k].weights), before, pieces: 0 });
                 self.triangles.push(triangle);
             }
         }
@@ -308,13 +331,14 @@ impl GeometryRun {
     }
 }
 
-/// A triangle with its corners (positive area) and its plane; `None` if no pixel of the view has a sample in its extent.
+/// A triangle with its corners (positive area) and its plane, `shared` if it lies over others; `None` if no pixel of the view has a sample in its extent.
 #[inline]
 fn placed(
     camera: &Camera,
     pattern: &Pattern,
     mut triangle: Triangle,
     corners: [([i32; 2], f64); 3],
+    shared: Option<Plane>,
 ) -> Option<Triangle> {
     triangle.x = corners.map(|(sub, _)| sub[0]);
     triangle.y = corners.map(|(sub, _)| sub[1]);
@@ -323,6 +347,6 @@ fn placed(
         return None;
     }
     triangle.q = corners.map(|(_, q)| q);
-    triangle.plane = Triangle::plane_through(triangle.x, triangle.y, triangle.q);
+    triangle.plane = shared.unwrap_or_else(|| Triangle::plane_through(triangle.x, triangle.y, triangle.q));
     Some(triangle)
 }

@@ -14,7 +14,7 @@ use crate::samples::{Pattern, SUBPIXELS};
 /// terms. Each takes three operations, each wrong by 2⁻⁵³ at most; this is several times as much as can add up.
 const ROUNDING: f64 = 1.0 / (1u64 << 48) as f64;
 
-/// The samples of `mask`, in the pixel whose upper left is (x, y) sub, at which `a` is in front of `b`: nearer, or equally near and later in the file.
+/// The samples of `mask`, in the pixel whose upper left is (x, y) sub, at which `a` is in front of `b`: nearer, or equally near and of the larger order.
 #[inline]
 pub fn in_front(pattern: &Pattern, a: &Triangle, b: &Triangle, x: i32, y: i32, mask: u64) -> u64 {
     if mask & (mask - 1) != 0 {
@@ -35,6 +35,10 @@ pub fn in_front(pattern: &Pattern, a: &Triangle, b: &Triangle, x: i32, y: i32, m
         }
         if here + (right + down) < -margin {
             return 0;
+        }
+        // Faces of one plane of the scene share its function, bit by bit.
+        if (pa.q, pa.dx, pa.dy, pa.x, pa.y) == (pb.q, pb.dx, pb.dy, pb.x, pb.y) {
+            return if a.order > b.order { mask } else { 0 };
         }
     }
     let mut front = 0;

@@ -6,7 +6,8 @@
 //! each sample sorts its own.
 
 use super::gather::Fragment;
-use crate::geometry::setup::Triangle;
+use super::models::Mix;
+use crate::geometry::setup::{Flags, Triangle};
 use crate::raster::depth::in_front;
 use crate::shade::{FaceCache, Shader};
 
@@ -30,6 +31,7 @@ struct Layer {
 pub struct Layers {
     layers: Vec<Layer>,
     of_sample: Vec<(f64, u64, usize)>,
+    mix: Mix,
 }
 
 /// Light gathered so far on the way outward, and what still comes through.
@@ -81,9 +83,11 @@ impl Layers {
     ) -> Composed {
         let pattern = shader.pattern;
         let triangle = |number: u32| -> &Triangle { &shader.triangles[number as usize] };
+        let mut flags = 0;
         self.layers.clear();
         self.layers.extend(fragments.map(|f| {
             let t = triangle(f.triangle);
+            flags |= t.flags.0;
             let q_centre = t.plane.at(x + 128, y + 128);
             Layer { triangle: f.triangle, mask: f.mask, q_centre, order: t.order, shaded: None }
         }));
@@ -97,6 +101,9 @@ impl Layers {
                 && (1..self.layers.len()).all(|k| {
                     self.layers[..k].iter().all(|a| is_front(a, &self.layers[k], a.mask & self.layers[k].mask))
                 }));
+        if Flags(flags).has(Flags::PART) {
+            return self.compose_models(shader, faces, [x, y], one_order, samples);
+        }
         let mut shade = |layer: &mut Layer| {
             *layer.shaded.get_or_insert_with(|| {
                 let [r, g, b, alpha] = shader.pixel_colour(faces, layer.triangle, x, y);
@@ -131,16 +138,7 @@ impl Layers {
             }
         } else {
             for (i, sample) in samples[..pattern.count].iter_mut().enumerate() {
-                let [dx, dy] = pattern.points[i];
-                self.of_sample.clear();
-                self.of_sample.extend(
-                    self.layers
-                        .iter()
-                        .enumerate()
-                        .filter(|(_, l)| l.mask >> i & 1 != 0)
-                        .map(|(k, l)| (triangle(l.triangle).plane.at(x + dx, y + dy), l.order, k)),
-                );
-                self.of_sample.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
+                sort_sample(&mut self.of_sample, &self.layers, shader, [x, y], i);
                 for (_, _, k) in &self.of_sample {
                     sample.add(shade(&mut self.layers[*k]));
                     if sample.transmitted == 0.0 {
@@ -151,4 +149,75 @@ impl Layers {
         }
         Composed::PerSample
     }
+
+    /// The same where fragments belong to models; the layers are there, in the order of the pixel's centre, which is that of all
+    /// samples if there is `one_order`.
+    fn compose_models(
+        &mut self,
+        shader: &Shader<'_>,
+        faces: &mut FaceCache,
+        [x, y]: [i32; 2],
+        one_order: bool,
+        samples: &mut [Through; 64],
+    ) -> Composed {
+        let pattern = shader.pattern;
+        let mut step = |mix: &mut Mix, layer: &mut Layer| {
+            let item = &shader.items[shader.triangles[layer.triangle as usize].item as usize];
+            let part = item.part.as_ref();
+            let is_translucent = item.is_translucent();
+            if part.is_some_and(|part| mix.is_merged_away(part, is_translucent)) {
+                return;
+            }
+            let colour = *layer.shaded.get_or_insert_with(|| {
+                let [r, g, b, alpha] = shader.pixel_colour(faces, layer.triangle, x, y);
+                // Opaque surfaces ignore alpha; of cut-out ones only what reaches the cut-off is here.
+                let alpha = if is_translucent { alpha.clamp(0.0, 1.0) } else { 1.0 };
+                [r, g, b, alpha].map(f64::from)
+            });
+            mix.add(part, is_translucent, colour);
+        };
+        if one_order && self.layers.iter().all(|l| l.mask == pattern.full) {
+            self.mix.clear();
+            for layer in &mut self.layers {
+                step(&mut self.mix, layer);
+                if self.mix.transmitted() == 0.0 {
+                    break;
+                }
+            }
+            return Composed::Uniform(self.mix.through());
+        }
+        for (i, sample) in samples[..pattern.count].iter_mut().enumerate() {
+            self.of_sample.clear();
+            if one_order {
+                let there = self.layers.iter().enumerate().filter(|(_, l)| l.mask >> i & 1 != 0);
+                self.of_sample.extend(there.map(|(k, l)| (l.q_centre, l.order, k)));
+            } else {
+                sort_sample(&mut self.of_sample, &self.layers, shader, [x, y], i);
+            }
+            self.mix.clear();
+            for (_, _, k) in &self.of_sample {
+                step(&mut self.mix, &mut self.layers[*k]);
+                if self.mix.transmitted() == 0.0 {
+                    break;
+                }
+            }
+            *sample = self.mix.through();
+        }
+        Composed::PerSample
+    }
+}
+
+/// The layers at sample i of the pixel whose upper left is (x, y) sub, nearest first.
+fn sort_sample(
+    of_sample: &mut Vec<(f64, u64, usize)>,
+    layers: &[Layer],
+    shader: &Shader<'_>,
+    [x, y]: [i32; 2],
+    i: usize,
+) {
+    let [dx, dy] = shader.pattern.points[i];
+    let q = |layer: &Layer| shader.triangles[layer.triangle as usize].plane.at(x + dx, y + dy);
+    of_sample.clear();
+    of_sample.extend(layers.iter().enumerate().filter(|(_, l)| l.mask >> i & 1 != 0).map(|(k, l)| (q(l), l.order, k)));
+    of_sample.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
 }

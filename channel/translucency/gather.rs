@@ -1,5 +1,6 @@
 //! From a tile's translucent triangles to a list of fragments per pixel.
 //!
+//! A model in transition gives all of its faces here, opaque and cut-out ones as well: its weights make them translucent.
 //! The tile's opaque faces are final when this runs: fragments behind them are dropped sample by sample, so that what is kept
 //! is what contributes. There is no limit on the number of layers; a tile's fragments share one array that grows as
 //! needed and is used again.
@@ -9,7 +10,7 @@ use crate::raster::coverage::{CoverageSink, TILE_PIXELS, cover};
 use crate::raster::depth::in_front;
 use crate::raster::opaque::{FarBounds, RasterCounts, pixel_corner};
 use crate::raster::visible::Visible;
-use crate::shade::Shader;
+use crate::shade::{FaceCache, Shader};
 use proto::frame::{PixelRect, TILE};
 
 /// Ends a list.
@@ -88,6 +89,7 @@ pub fn gather(
     visible: &Visible,
     far: &FarBounds,
     fragments: &mut Fragments,
+    faces: &mut FaceCache,
     counts: &mut RasterCounts,
 ) {
     counts.pairs += numbers.len() as u64;
@@ -97,7 +99,9 @@ pub fn gather(
             counts.occluded += 1;
             continue;
         }
-        let mut sink = GatherSink { shader, rect, number, triangle, visible, far, fragments, counts };
+        // Only a model in transition has cut-outs here.
+        let cutoff = shader.items[triangle.item as usize].cutoff();
+        let mut sink = GatherSink { shader, rect, number, triangle, cutoff, visible, far, fragments, faces, counts };
         cover(shader.pattern, triangle, rect, &mut sink);
     }
 }
@@ -107,9 +111,11 @@ struct GatherSink<'a, 'b> {
     rect: PixelRect,
     number: u32,
     triangle: &'a Triangle,
+    cutoff: Option<f32>,
     visible: &'b Visible,
     far: &'b FarBounds,
     fragments: &'b mut Fragments,
+    faces: &'b mut FaceCache,
     counts: &'b mut RasterCounts,
 }
 
@@ -138,6 +144,9 @@ impl CoverageSink for GatherSink<'_, '_> {
         mask = self.visible.unhidden(pixel, mask, |other, both| {
             in_front(shader.pattern, self.triangle, &shader.triangles[other as usize], x, y, both)
         });
+        if let Some(cutoff) = self.cutoff {
+            mask = shader.reaches_cutoff(self.faces, self.number, cutoff, x, y, mask);
+        }
         if mask != 0 {
             self.fragments.push(pixel, self.number, mask);
         }

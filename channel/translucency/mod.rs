@@ -7,7 +7,9 @@
 //! never matters.
 //!
 //! - [`gather`]: triangles → fragments per pixel.
+//! - [`models`]: layers that are merged, and versions that are mixed.
 //! - [`compose`]: fragments and what is behind them → the samples' colours.
 
 pub mod compose;
 pub mod gather;
+pub mod models;

@@ -9,13 +9,12 @@ use crate::pipeline::{DrawStats, Renderer, TilePictures};
 use crate::store::SceneStore;
 use bytes::Bytes;
 use proto::codec::{decode_mesh, decode_table, decode_texture, encode};
-use proto::frame::{Environment, FrameState, Moved, TileIndex};
+use proto::frame::{Environment, FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
 use proto::ids::{ContentId, Epoch, FrameNumber, SubobjectId, ViewId};
-use proto::limits;
 use proto::list::apply;
 use proto::message::{BoardReport, FrameHeader, FramePayload, ListBase, TileMessage};
 use proto::share::Share;
-use proto::view::{Pose, View};
+use proto::view::{Pose, ViewSetup};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Instant;
@@ -116,8 +115,10 @@ struct Inputs {
     eye: Pose,
     environment: Environment,
     moved: Vec<Moved>,
-    views: Vec<View>,
+    views: Vec<ViewSetup>,
     shares: Vec<Share>,
+    format: PixelFormat,
+    weights: Vec<VersionWeights>,
 }
 
 #[derive(Debug)]
@@ -134,7 +135,7 @@ struct Hand {
     outlet: Option<mpsc::Sender<Bytes>>,
     /// The compositor lacks tiles that were drawn: all must be sent.
     is_behind: bool,
-    views: Vec<View>,
+    views: Vec<ViewSetup>,
     lists: BTreeMap<ViewId, Vec<SubobjectId>>,
     /// The frame that `pictures` show; `None` also when a list has changed since.
     drawn: Option<Drawn>,
@@ -223,9 +224,6 @@ impl Hand {
     fn follow(&mut self, header: FrameHeader, payload: &[u8], shares: Vec<Share>) -> Result<Option<Job>, String> {
         let content = FramePayload::decode(&header, payload).map_err(|error| error.to_string())?;
         if let Some(views) = header.views {
-            if views.is_empty() || views.len() > limits::VIEWS_MAX || !views.iter().all(View::is_valid) {
-                return Err("a view is out of range".into());
-            }
             self.views = views;
         }
         let mut scripts = &content.scripts[..];
@@ -256,7 +254,15 @@ impl Hand {
         }
         self.lists = kept;
         let FrameState { eye, environment, .. } = header.state;
-        let inputs = Inputs { eye, environment, moved: content.moved, views: self.views.clone(), shares };
+        let inputs = Inputs {
+            eye,
+            environment,
+            moved: content.moved,
+            views: self.views.clone(),
+            shares,
+            format: header.format,
+            weights: content.weights,
+        };
         Ok(Some(Job { state: header.state, inputs }))
     }
 
@@ -271,7 +277,9 @@ impl Hand {
             report.frames_unchanged = 1;
         } else {
             self.drawn = None;
-            if let Err(error) = self.store.set_moved(&job.inputs.moved) {
+            let set =
+                self.store.set_moved(&job.inputs.moved).and_then(|()| self.store.set_weights(&job.inputs.weights));
+            if let Err(error) = set {
                 self.answer(Painted::Refused(error.to_string()));
                 return;
             }
@@ -280,18 +288,22 @@ impl Hand {
         self.is_behind |= is_rewired;
         let mut changed = BTreeMap::new();
         for share in job.inputs.shares.iter().filter(|_| !is_same) {
-            let Some(view) = job.inputs.views.get(share.view.0 as usize) else { continue };
+            // A picture without the linear pixels that are now wanted, or with ones that aren't, starts anew.
+            if (job.inputs.format == PixelFormat::LinearF32) != self.spare.linear.is_some() {
+                self.spare = blank(job.inputs.format);
+            }
+            let Some(setup) = job.inputs.views.get(share.view.0 as usize) else { continue };
             let list = self.lists.get(&share.view).map_or(&[][..], Vec::as_slice);
-            match self.renderer.draw(&self.store, &job.state, view, list, &share.lattice, &mut self.spare) {
+            match self.renderer.draw(&self.store, &job.state, &setup.view, list, &share.part, &mut self.spare) {
                 Ok(stats) => count(&mut report, &stats),
                 Err(error) => {
                     self.answer(Painted::Refused(error.to_string()));
                     return;
                 }
             }
-            let before = self.pictures.entry(share.view).or_default();
+            let before = self.pictures.entry(share.view).or_insert_with(|| blank(job.inputs.format));
             std::mem::swap(before, &mut self.spare);
-            let tiles = differing(before, &self.spare);
+            let tiles = differing(before, &self.spare, job.inputs.format);
             report.tiles_unchanged += (before.tiles.len() - tiles.len()) as u64;
             changed.insert(share.view, tiles);
         }
@@ -309,10 +321,12 @@ impl Hand {
             self.is_behind = true;
             return 0;
         };
-        let views = self.drawn.as_ref().map_or(&[][..], |drawn| &drawn.inputs.views);
+        let Some(Inputs { views, format, .. }) = self.drawn.as_ref().map(|drawn| &drawn.inputs) else { return 0 };
         let mut messages = Vec::new();
         for (view, picture) in &self.pictures {
-            let Some(size) = views.get(view.0 as usize).map(|view| (view.width, view.height)) else { continue };
+            let Some(size) = views.get(view.0 as usize).map(|setup| (setup.view.width, setup.view.height)) else {
+                continue;
+            };
             let all: Vec<usize>;
             let tiles = match changed {
                 Some(changed) if !self.is_behind => changed.get(view).map_or(&[][..], Vec::as_slice),
@@ -321,7 +335,8 @@ impl Hand {
                     &all
                 }
             };
-            tile_messages(picture, tiles, frame, epoch, *view, size, &mut messages);
+            let head = TileMessage::Tiles { frame, epoch, view: *view, count: 0, size, format: *format };
+            tile_messages(picture, tiles, *format, &head, &mut messages);
         }
         messages.push(encode(&TileMessage::Done { frame, epoch }, &[]));
         if outlet.is_closed() || outlet.capacity() < messages.len() {
@@ -346,41 +361,61 @@ fn named(id: ContentId, bytes: &[u8]) -> Result<(), String> {
     if ContentId::of(bytes) == id { Ok(()) } else { Err(format!("payload {id} has other content than its name says")) }
 }
 
+/// An empty picture of the format.
+fn blank(format: PixelFormat) -> TilePictures {
+    match format {
+        PixelFormat::Srgb8 => TilePictures::new(),
+        PixelFormat::LinearF32 => TilePictures::with_linear(),
+    }
+}
+
+/// A tile's pixels as they are sent.
+fn pixels(picture: &TilePictures, k: usize, format: PixelFormat) -> &[u8] {
+    match (format, picture.tile_linear(k)) {
+        // f32 are sent as they lie in memory: `proto::codec` refuses to be built for a big-endian machine.
+        (PixelFormat::LinearF32, Some(linear)) => bytemuck::cast_slice(linear),
+        _ => picture.tile(k),
+    }
+}
+
 /// Indices of the tiles of `new` that `old` doesn't have alike.
-fn differing(new: &TilePictures, old: &TilePictures) -> Vec<usize> {
-    let is_alike = |k: &usize| new.tiles == old.tiles && new.tile(*k) == old.tile(*k);
+fn differing(new: &TilePictures, old: &TilePictures, format: PixelFormat) -> Vec<usize> {
+    let is_comparable = new.tiles == old.tiles && new.linear.is_some() == old.linear.is_some();
+    let is_alike = |k: &usize| is_comparable && pixels(new, *k, format) == pixels(old, *k, format);
     (0..new.tiles.len()).filter(|k| !is_alike(k)).collect()
 }
 
+/// The messages that carry the tiles numbered in `tiles`; `head` says which picture they are of.
 fn tile_messages(
     picture: &TilePictures,
     tiles: &[usize],
-    frame: FrameNumber,
-    epoch: Epoch,
-    view: ViewId,
-    size: (u32, u32),
+    format: PixelFormat,
+    head: &TileMessage,
     messages: &mut Vec<Bytes>,
 ) {
     let mut rest = tiles;
     while !rest.is_empty() {
         let mut bytes = 0;
         let fits = rest.iter().take_while(|k| {
-            bytes += picture.tile(**k).len();
+            bytes += pixels(picture, **k, format).len();
             bytes <= TILE_MESSAGE_BYTES
         });
-        let count = fits.count().max(1);
-        let (run, after) = rest.split_at(count);
+        let (run, after) = rest.split_at(fits.count().max(1));
         rest = after;
-        let mut payload = Vec::with_capacity(bytes + count * size_of::<TileIndex>());
+        let mut payload = Vec::with_capacity(bytes + run.len() * size_of::<TileIndex>());
         for k in run {
             let tile = picture.tiles[*k];
             payload.extend_from_slice(&tile.x.to_le_bytes());
             payload.extend_from_slice(&tile.y.to_le_bytes());
         }
         for k in run {
-            payload.extend_from_slice(picture.tile(*k));
+            payload.extend_from_slice(pixels(picture, *k, format));
         }
-        messages.push(encode(&TileMessage::Tiles { frame, epoch, view, count: count as u32, size }, &payload));
+        let mut head = head.clone();
+        if let TileMessage::Tiles { count, .. } = &mut head {
+            *count = run.len() as u32;
+        }
+        messages.push(encode(&head, &payload));
     }
 }
 

@@ -5,12 +5,13 @@ use super::painter::{Painted, Painter, Work};
 use super::{Config, LEAVE_TIMEOUT, outlet};
 use bytes::Bytes;
 use proto::chain::{BoardChain, BoardOutput};
-use proto::codec::Reader;
+use proto::codec::{CodecError, Reader};
 use proto::ids::{BoardKey, ContentId};
 use proto::limits;
 use proto::link::{self, Link, LinkError};
 use proto::message::{FrameHeader, FromBoard, Hello, Role, ToBoard};
 use proto::share::shares;
+use proto::view::ViewSetup;
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::TcpStream;
@@ -37,7 +38,7 @@ pub(super) struct Session {
     backplane: Link<TcpStream>,
     chain: BoardChain,
     key: BoardKey,
-    view_count: u32,
+    views: Vec<ViewSetup>,
     outlet: Option<(String, DropGuard)>,
 }
 
@@ -60,7 +61,7 @@ impl Session {
             return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
         };
         let key = BoardKey(0);
-        Ok(Self { backplane: backplane?, chain: BoardChain::new(key), key, view_count: 0, outlet: None })
+        Ok(Self { backplane: backplane?, chain: BoardChain::new(key), key, views: Vec::new(), outlet: None })
     }
 
     /// Serves until the end of the session.
@@ -134,20 +135,27 @@ impl Session {
             ToBoard::Texture { id } => painter.send(Work::Texture(id, payload)),
             ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
             ToBoard::Chain(message) => self.chain.on_backplane(message),
-            ToBoard::Frame(header) => self.on_frame(header, payload, painter),
+            ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
             // Displays of this board change here; boards without one have nothing to do.
             ToBoard::Swap(_) => {}
         }
         Ok(())
     }
 
-    fn on_frame(&mut self, header: FrameHeader, payload: Bytes, painter: &Painter) {
+    fn on_frame(&mut self, header: FrameHeader, payload: Bytes, painter: &Painter) -> Result<(), End> {
         if let Some(views) = &header.views {
-            self.view_count = views.len().min(limits::VIEWS_MAX) as u32;
+            if views.is_empty() || views.len() > limits::VIEWS_MAX || !views.iter().all(ViewSetup::is_valid) {
+                return Err(End::Lost(LinkError::Codec(CodecError::Limit {
+                    what: "views that can be drawn, of those sent,",
+                    value: views.len() as u64,
+                    limit: limits::VIEWS_MAX as u64,
+                })));
+            }
+            self.views.clone_from(views);
         }
         let epoch = header.state.epoch;
         let shares = match self.chain.place(epoch) {
-            Some(place) => shares(place.id, &place.weights, self.view_count),
+            Some(place) => shares(place.id, &place.weights, &self.views),
             None => {
                 tracing::warn!(frame = %header.state.frame, %epoch, "a frame under a wiring that we have no place in");
                 Vec::new()
@@ -155,6 +163,7 @@ impl Session {
         };
         // Even without a share the lists must be followed.
         painter.send(Work::Frame { header: Box::new(header), payload, shares });
+        Ok(())
     }
 
     fn on_neighbour(&mut self, event: NeighbourEvent, neighbours: &mut Neighbours) {

@@ -3,9 +3,10 @@
 use super::lists::Lists;
 use crate::scene::{Entities, NodeIndex, Scene};
 use crate::select::{Counters, Selection, Selector};
-use proto::frame::{Environment, Moved};
+use proto::frame::{Environment, Moved, VersionWeights};
+use proto::ids::ModelId;
 use proto::pose::{EntityRef, PosePacket, name_hash};
-use proto::view::{Pose, Samples, Tangents, View};
+use proto::view::{Mode, Pose, Samples, Tangents, View, ViewSetup};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -20,12 +21,15 @@ pub struct DefaultRow {
     pub height: u32,
     /// Points per pixel.
     pub samples: Samples,
+    /// How each is shared between boards.
+    pub mode: Mode,
 }
 
 impl DefaultRow {
     /// The views behind a window.
-    pub fn views(&self, tangents: Tangents) -> Vec<View> {
-        View::row(self.count, self.width, self.height, tangents, self.samples)
+    pub fn views(&self, tangents: Tangents) -> Vec<ViewSetup> {
+        let views = View::row(self.count, self.width, self.height, tangents, self.samples);
+        views.into_iter().map(|view| ViewSetup { mode: self.mode, ..ViewSetup::new(view) }).collect()
     }
 }
 
@@ -35,7 +39,7 @@ pub struct Stage {
     /// The world.
     pub scene: Arc<Scene>,
     /// The projectors.
-    pub views: Vec<View>,
+    pub views: Vec<ViewSetup>,
     /// Set when the views are a default row; a host's lens then makes them anew.
     pub row: Option<DefaultRow>,
     /// Light and air.
@@ -51,10 +55,14 @@ pub(crate) struct Director {
     entities: Entities,
     /// Nodes by the hash of their names, for hosts that name entities so.
     by_hash: BTreeMap<u64, NodeIndex>,
+    /// Models by the hash of their nodes' names, and how many versions each has.
+    models: BTreeMap<u64, (ModelId, u32)>,
     selector: Selector,
     selection: Selection,
     pub lists: Lists,
     pub moved: Vec<Moved>,
+    /// Models that the host mixes in this frame.
+    pub weights: Vec<VersionWeights>,
     /// Grows when the views change.
     pub views_revision: u64,
 }
@@ -64,19 +72,26 @@ impl Director {
         let entities = Entities::new(&stage.scene);
         let names = stage.scene.node_names();
         let by_hash = names.filter_map(|n| Some((name_hash(n), stage.scene.node_by_name(n)?))).collect();
+        let models = stage.scene.model_names().map(|(name, id)| {
+            let versions = stage.scene.table.models[id.0 as usize].versions;
+            (name_hash(name), (id, versions))
+        });
+        let models = models.collect();
         Self {
             stage,
             entities,
             by_hash,
+            models,
             selector: Selector::new(),
             selection: Selection::default(),
             lists: Lists::default(),
             moved: Vec::new(),
+            weights: Vec::new(),
             views_revision: 1,
         }
     }
 
-    pub(crate) fn views(&self) -> &[View] {
+    pub(crate) fn views(&self) -> &[ViewSetup] {
         &self.stage.views
     }
 
@@ -88,7 +103,7 @@ impl Director {
         self.stage.environment
     }
 
-    /// Takes what a host said. Returns how many entities the scene doesn't have.
+    /// Takes what a host said. Returns how many entities and models the scene doesn't have.
     pub(crate) fn on_pose(&mut self, packet: &PosePacket) -> u64 {
         self.stage.eye = packet.eye;
         if let (Some(lens), Some(row)) = (packet.lens, self.stage.row) {
@@ -102,11 +117,20 @@ impl Director {
         for entity in &packet.entities {
             let node = match entity.entity {
                 EntityRef::NameHash(hash) => self.by_hash.get(&hash).copied(),
-                EntityRef::Number(_) => None,
+                EntityRef::Number(number) => self.stage.scene.node_by_entity(number),
             };
             match node {
                 Some(node) => self.entities.set(&self.stage.scene, node, entity.pose),
                 None => unknown += 1,
+            }
+        }
+        self.weights.clear();
+        for model in &packet.models {
+            match self.models.get(&model.name) {
+                Some((id, versions)) if *versions as usize == model.weights.len() => {
+                    self.weights.push(VersionWeights { model: *id, weights: model.weights.clone() });
+                }
+                _ => unknown += 1,
             }
         }
         unknown
@@ -116,10 +140,18 @@ impl Director {
     pub(crate) fn select(&mut self) -> impl Iterator<Item = Counters> {
         self.entities.moved(&mut self.moved);
         let mut counts = Vec::with_capacity(self.stage.views.len());
-        for (i, view) in self.stage.views.iter().enumerate() {
+        for (i, setup) in self.stage.views.iter().enumerate() {
             let Stage { scene, eye, environment, .. } = &self.stage;
             let visibility = environment.visibility_m;
-            self.selector.select(scene, &self.entities, *eye, view, visibility, &mut self.selection);
+            self.selector.select(
+                scene,
+                &self.entities,
+                &self.weights,
+                *eye,
+                &setup.view,
+                visibility,
+                &mut self.selection,
+            );
             counts.push(self.selection.counters);
             self.lists.set(i, &mut self.selection.subobjects);
         }

@@ -13,7 +13,7 @@ use crate::host::native::Freshness;
 use bytes::Bytes;
 use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock, Wiring};
 use proto::codec::encode;
-use proto::frame::FrameState;
+use proto::frame::{FrameState, PixelFormat};
 use proto::ids::{BoardId, BoardKey, FrameNumber, ViewId};
 use proto::message::{
     FrameHeader, FramePayload, FromBoard, FromCompositor, Hello, ListUpdate, Role, Swap, ToBoard, ToCompositor,
@@ -84,6 +84,8 @@ struct Board {
 struct Compositor {
     key: BoardKey,
     listen: String,
+    /// What it wants pixels as.
+    format: PixelFormat,
     outbox: Outbox,
     views: u64,
 }
@@ -249,7 +251,7 @@ impl Engine {
                     self.boards.insert(key, board);
                 }
             }
-            Role::Compositor { listen } => {
+            Role::Compositor { listen, format } => {
                 if let Some(other) = &self.compositor {
                     let reason = format!("this rig has a compositor already, at {}", other.listen);
                     outbox.send(encode(&ToCompositor::Refused { reason }, &[]));
@@ -259,7 +261,7 @@ impl Engine {
                 }
                 outbox.send(encode(&ToCompositor::Welcome, &[]));
                 let address = Some(listen.clone());
-                self.compositor = Some(Compositor { key, listen, outbox, views: 0 });
+                self.compositor = Some(Compositor { key, listen, format, outbox, views: 0 });
                 self.update_compositor_views();
                 if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor) {
                     compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
@@ -484,13 +486,17 @@ impl Engine {
 
     /// Sends every board its frame.
     fn stream(&mut self, frame: FrameNumber, wiring: &Wiring) {
+        let format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
         let Self { boards, director, statistics, .. } = self;
         let state = FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
-        let view_count = director.views().len() as u32;
         for (i, key) in wiring.members.iter().enumerate() {
             let Some(board) = boards.get_mut(key) else { continue };
-            let mut payload = FramePayload { moved: std::mem::take(&mut director.moved), ..FramePayload::default() };
-            let own = shares(BoardId(i as u32), &wiring.weights, view_count);
+            let mut payload = FramePayload {
+                moved: std::mem::take(&mut director.moved),
+                weights: director.weights.clone(),
+                scripts: Vec::new(),
+            };
+            let own = shares(BoardId(i as u32), &wiring.weights, director.views());
             let mut lists = Vec::with_capacity(own.len());
             for share in &own {
                 let held = board.lists.get(&share.view).copied();
@@ -499,7 +505,7 @@ impl Engine {
             }
             let views = (board.views != director.views_revision).then(|| director.views().to_vec());
             let (moved, weights) = (payload.moved.len() as u32, payload.weights.len() as u32);
-            let header = FrameHeader { state, views, lists, moved, weights };
+            let header = FrameHeader { state, views, format, lists, moved, weights };
             let message = encode(&ToBoard::Frame(header), &payload.encode());
             director.moved = payload.moved;
             let len = message.len() as u64;

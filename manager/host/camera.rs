@@ -5,7 +5,7 @@
 
 use glam::{DQuat, DVec3};
 use proto::limits;
-use proto::pose::{EntityPose, EntityRef, PosePacket, name_hash};
+use proto::pose::{EntityPose, EntityRef, ModelWeights, PosePacket, name_hash};
 use proto::scene::Sphere;
 use proto::view::{Pose, PoseError, Tangents};
 use serde::{Deserialize, Serialize};
@@ -240,12 +240,17 @@ impl CameraFile {
                 orientation: DQuat::from_array(entity.orientation).normalize(),
             },
         });
+        let models = pose.versions.iter().take(limits::POSE_MODELS_MAX).map(|(node, weights)| ModelWeights {
+            name: name_hash(node),
+            weights: weights.iter().take(limits::VERSIONS_MAX).map(|weight| *weight as f32).collect(),
+        });
         PosePacket {
             sequence,
             answer,
             eye: pose.pose().expect("poses are checked when a file is read"),
             lens: pose.tangents.or_else(|| size.map(|(width, height)| pose.lens(width, height))),
             entities: entities.collect(),
+            models: models.collect(),
         }
     }
 }

@@ -9,16 +9,17 @@
 
 use super::bounds;
 use super::bvh::Bvh;
-use glam::{DAffine3, DMat3, DQuat};
-use proto::codec::{encode_mesh, encode_texture};
-use proto::ids::{ContentId, ObjectId, SubobjectId};
+use super::extras::{Extras, Traits};
+use super::models::{self, Model};
+use super::parts::{AssembleError, COORDINATE_MAX, LightSource, NodeSource, Parts};
+use super::planes;
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use proto::ids::{ContentId, ModelId, ObjectId, SubobjectId};
 use proto::limits;
-use proto::scene::{Box3, Material, Mesh, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
-use rayon::prelude::*;
+use proto::scene::{Box3, LightRow, Material, Mesh, ModelPart, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
-use thiserror::Error;
 
 /// Index into [`Scene::nodes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -48,6 +49,10 @@ pub struct Node {
     pub object: Option<ObjectId>,
     /// The objects from here down.
     pub objects: Range<u32>,
+    /// The model that it begins or is a part of.
+    pub model: Option<ModelId>,
+    /// The version of the model that it is a part of; `None` outside of models, and for what all versions share.
+    pub version: Option<u32>,
     /// Encloses all of them where the file puts them, world; negative radius if there is none.
     pub sphere: Sphere,
 }
@@ -57,6 +62,11 @@ impl Node {
     /// keeps when a pose moves it (with shears, if scales above it turned into such).
     pub fn own_scale(&self) -> DMat3 {
         DMat3::from_quat(self.orientation.conjugate()) * self.world.matrix3
+    }
+
+    /// Its place in a model.
+    pub fn part(&self) -> Option<ModelPart> {
+        self.model.zip(self.version).map(|(model, version)| ModelPart { model, version })
     }
 }
 
@@ -71,6 +81,8 @@ pub struct Object {
     pub first_subobject: SubobjectId,
     /// Encloses it where the file puts it, world.
     pub sphere: Sphere,
+    /// What the scene extras of its node, of those above and of its mesh say about it.
+    pub traits: Traits,
 }
 
 /// A mesh of the file, cut into pieces.
@@ -78,6 +90,8 @@ pub struct Object {
 pub struct Shape {
     /// The mesh's name in the file, or empty.
     pub name: String,
+    /// The scene extras of the mesh.
+    pub extras: Extras,
     /// In the order of the file's primitives, then as [`super::split`] cut them. At least one.
     pub pieces: Vec<Piece>,
     /// Encloses all pieces; mesh space.
@@ -103,6 +117,12 @@ pub struct Piece {
     pub vertices: u32,
     /// Index into [`Scene::materials`].
     pub material: u32,
+    /// Which primitive of the mesh it is a part of.
+    pub primitive: u32,
+    /// Its coplanar layer, if primitive, material or mesh say one; otherwise the node's holds.
+    pub layer: Option<i32>,
+    /// Whether primitive, material or mesh mark it as merged.
+    pub merged: bool,
 }
 
 /// A material of the file.
@@ -134,7 +154,9 @@ pub struct Scene {
     pub meshes: BTreeMap<ContentId, Arc<Mesh>>,
     /// All textures, by content.
     pub textures: BTreeMap<ContentId, Arc<Texture>>,
-    /// What boards are sent: where objects are, and which subobjects they have.
+    /// By [`ModelId`]; in the order of their nodes.
+    pub models: Vec<Model>,
+    /// What boards are sent: where objects are, which subobjects they have, and the lights.
     pub table: SceneTable,
     /// By [`SubobjectId`]: encloses it where the file puts it, world.
     pub subobject_spheres: Vec<Sphere>,
@@ -148,112 +170,10 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// Named nodes, by name, then in order.
     names: Vec<NodeIndex>,
-}
-
-/// A node as an importer hands it over.
-#[derive(Clone, Debug)]
-pub struct NodeSource {
-    /// Name, or empty.
-    pub name: String,
-    /// Index of the parent in the same list; smaller than the node's own, so that the list is depth-first.
-    pub parent: Option<u32>,
-    /// This node's space → its parent's.
-    pub local: DAffine3,
-    /// The rotation in it, a unit quaternion.
-    pub rotation: DQuat,
-    /// What the node shows.
-    pub shape: Option<ShapeIndex>,
-}
-
-/// What a scene is made of.
-#[derive(Clone, Debug, Default)]
-pub struct Parts {
-    /// Name of the scene.
-    pub name: String,
-    /// All nodes, depth-first: each follows its parent or one of its parent's descendants.
-    pub nodes: Vec<NodeSource>,
-    /// Shapes, as [`Parts::add_shape`] numbered them.
-    pub shapes: Vec<Shape>,
-    /// Materials, as [`Parts::add_shape`] was told.
-    pub materials: Vec<MaterialEntry>,
-    /// Geometry, by content.
-    pub meshes: BTreeMap<ContentId, Arc<Mesh>>,
-    /// Textures, by content.
-    pub textures: BTreeMap<ContentId, Arc<Texture>>,
-    /// Warnings.
-    pub warnings: Vec<String>,
-}
-
-/// Why parts don't make a scene. The file's fault.
-#[derive(Clone, Debug, PartialEq, Error)]
-#[non_exhaustive]
-pub enum AssembleError {
-    /// A node's transformation, or what it places, is beyond the numbers' range.
-    #[error(
-        "{node} lies beyond the range of numbers (|coordinate| < {limit:e} m); check its transformation and those above it"
-    )]
-    OutOfRange {
-        /// The node, `node "name"` or `node 12`.
-        node: String,
-        /// Largest usable coordinate.
-        limit: f64,
-    },
-    /// Too much of something.
-    #[error("{count} {what}, at most {limit} are possible; split the scene")]
-    TooMany {
-        /// Objects or subobjects.
-        what: &'static str,
-        /// How many there would be.
-        count: usize,
-        /// How many there may be.
-        limit: usize,
-    },
-}
-
-/// Largest world coordinate, m. Far beyond the universe, yet its sixth power is still a number, so that no culling
-/// formula can overflow.
-pub const COORDINATE_MAX: f64 = 1e40;
-
-impl Parts {
-    /// Stores `texture` and returns its name.
-    pub fn add_texture(&mut self, texture: Texture) -> ContentId {
-        let id = ContentId::of(&encode_texture(&texture));
-        self.textures.entry(id).or_insert_with(|| Arc::new(texture));
-        id
-    }
-
-    /// Stores a mesh of the file that was cut into `pieces`, each with the index of its material; `None` if there are
-    /// none.
-    pub fn add_shape(&mut self, name: &str, pieces: Vec<(Mesh, u32)>) -> Option<ShapeIndex> {
-        let named: Vec<(ContentId, Mesh, u32)> = pieces
-            .into_par_iter()
-            .map(|(mesh, material)| (ContentId::of(&encode_mesh(&mesh)), mesh, material))
-            .collect();
-        let rows: Vec<Piece> = named
-            .iter()
-            .map(|(id, mesh, material)| Piece {
-                mesh: *id,
-                sphere: mesh.sphere,
-                bounds: mesh.bounds,
-                triangles: mesh.triangles.len() as u32,
-                vertices: mesh.positions.len() as u32,
-                material: *material,
-            })
-            .collect();
-        let around = rows.iter().map(|piece| piece.bounds).reduce(bounds::box_union)?;
-        let spheres: Vec<Sphere> = rows.iter().map(|piece| piece.sphere).collect();
-        for (id, mesh, _) in named {
-            self.meshes.entry(id).or_insert_with(|| Arc::new(mesh));
-        }
-        self.shapes.push(Shape {
-            name: name.to_owned(),
-            pieces: rows,
-            sphere: bounds::ball_of_balls(spheres.iter()),
-            bounds: around,
-            tree: Bvh::build(&spheres),
-        });
-        Some(ShapeIndex(self.shapes.len() as u32 - 1))
-    }
+    /// See [`Self::model_of`].
+    pub(super) model_names: BTreeMap<String, ModelId>,
+    /// Nodes with an entity number.
+    entities: BTreeMap<u64, NodeIndex>,
 }
 
 impl Scene {
@@ -266,66 +186,98 @@ impl Scene {
     /// # Panics
     /// If the nodes are not in depth-first order: the importer's own mistake.
     pub fn assemble(parts: Parts) -> Result<Self, AssembleError> {
-        let Parts { name, nodes: sources, shapes, materials, meshes, textures, warnings } = parts;
+        let Parts { name, nodes: sources, shapes, materials, meshes, textures, mut warnings } = parts;
         check_counts(&sources, &shapes)?;
         let mut nodes: Vec<Node> = Vec::with_capacity(sources.len());
         let mut objects: Vec<Object> = Vec::new();
         let mut table = SceneTable::default();
         let mut subobject_spheres = Vec::new();
         let mut bounds_all: Option<Box3> = None;
+        let mut finder = models::Finder::default();
+        let mut entities: BTreeMap<u64, NodeIndex> = BTreeMap::new();
+        let mut said: Vec<Extras> = Vec::with_capacity(sources.len());
+        let mut primitives = 0;
 
-        for (index, source) in sources.into_iter().enumerate() {
+        for (number, source) in sources.into_iter().enumerate() {
+            let index = NodeIndex(number as u32);
             let parent = source.parent.map(|parent| &nodes[parent as usize]);
             let world = parent.map_or(source.local, |parent| parent.world * source.local);
             let orientation =
                 parent.map_or(source.rotation, |parent| (parent.orientation * source.rotation).normalize());
+            let (model, version) = finder.place(&source, index, parent, &nodes)?;
+            let outer = source.parent.map_or_else(Extras::default, |parent| said[parent as usize].clone());
+            let extras = source.extras.clone().inside(&outer);
             let first_object = objects.len() as u32;
-            let mut sphere = bounds::NOTHING;
-            let mut object = None;
+            let mut node = Node {
+                name: source.name.clone(),
+                parent: source.parent.map(NodeIndex),
+                end: index.0 + 1,
+                local: source.local,
+                world,
+                orientation,
+                object: None,
+                objects: first_object..first_object,
+                model,
+                version,
+                sphere: bounds::NOTHING,
+            };
+            let label = || node_label(&source.name, number);
             if let Some(shape_index) = source.shape {
                 let shape = &shapes[shape_index.0 as usize];
                 let id = ObjectId(first_object);
                 let stretch = bounds::stretch(&world);
-                sphere = bounds::ball_moved_by(&world, stretch, shape.sphere);
+                node.sphere = bounds::ball_moved_by(&world, stretch, shape.sphere);
                 let own = bounds::box_moved(&world, shape.bounds);
                 objects.push(Object {
-                    node: NodeIndex(index as u32),
+                    node: index,
                     shape: shape_index,
                     first_subobject: SubobjectId(table.subobjects.len() as u32),
-                    sphere,
+                    sphere: node.sphere,
+                    traits: shape.extras.clone().inside(&extras).traits(),
                 });
                 table.objects.push(ObjectRow { transform: world });
+                let marked = if shape.pieces.iter().any(|piece| piece.merged) {
+                    finder.marked_parts(&source, id, &node, index, &nodes)?
+                } else {
+                    None
+                };
                 for piece in &shape.pieces {
                     table.subobjects.push(SubobjectRow {
                         object: id,
                         mesh: piece.mesh,
-                        primitive: table.subobjects.len() as u32,
-                        layer: 0,
-                        part_of: None,
+                        primitive: primitives + piece.primitive,
+                        layer: piece.layer.or(extras.layer).unwrap_or(0),
+                        part_of: if piece.merged { marked } else { node.part() },
                         planes: None,
                     });
                     subobject_spheres.push(bounds::ball_moved_by(&world, stretch, piece.sphere));
                 }
+                primitives += shape.pieces.last().map_or(0, |piece| piece.primitive + 1);
                 bounds_all = Some(bounds_all.map_or(own, |sum| bounds::box_union(sum, own)));
-                object = Some(id);
+                node.object = Some(id);
+                node.objects.end += 1;
             }
             let usable = |number: f64| number < COORDINATE_MAX; // which NaN is not
-            let reach = sphere.centre.abs().max_element() + sphere.radius.abs();
+            let reach = node.sphere.centre.abs().max_element() + node.sphere.radius.abs();
             if !(world.is_finite() && usable(world.translation.abs().max_element()) && usable(reach)) {
-                return Err(AssembleError::OutOfRange { node: node_label(&source.name, index), limit: COORDINATE_MAX });
+                return Err(AssembleError::OutOfRange { node: label(), limit: COORDINATE_MAX });
             }
-            nodes.push(Node {
-                name: source.name,
-                parent: source.parent.map(NodeIndex),
-                end: index as u32 + 1,
-                local: source.local,
-                world,
-                orientation,
-                object,
-                objects: first_object..objects.len() as u32,
-                sphere,
-            });
+            if let Some(light) = source.light {
+                table.lights.push(placed(light, &world, orientation));
+            }
+            if let Some(number) = source.extras.entity {
+                if let Some(&other) = entities.get(&number) {
+                    let other = node_label(&nodes[other.0 as usize].name, other.0 as usize);
+                    return Err(AssembleError::EntityTwice { node: label(), other, number });
+                }
+                entities.insert(number, index);
+            }
+            nodes.push(node);
+            said.push(extras);
         }
+        table.models = finder.rows();
+        let model_names = finder.names(&nodes);
+        planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);
         close_subtrees(&mut nodes);
 
         let spheres: Vec<Sphere> = objects.iter().map(|object| object.sphere).collect();
@@ -346,11 +298,14 @@ impl Scene {
             materials,
             meshes,
             textures,
+            model_names,
+            models: finder.models,
             table,
             subobject_spheres,
             bounds: bounds_all,
             warnings,
             names,
+            entities,
         })
     }
 
@@ -378,6 +333,11 @@ impl Scene {
         self.names.get(first).copied().filter(|&node| self.node(node).name == name)
     }
 
+    /// The node that a host calls by this number (`entity` in its scene extras).
+    pub fn node_by_entity(&self, number: u64) -> Option<NodeIndex> {
+        self.entities.get(&number).copied()
+    }
+
     /// All names of nodes, sorted; each as often as it occurs.
     pub fn node_names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(|&node| self.node(node).name.as_str())
@@ -400,13 +360,24 @@ impl Scene {
     }
 }
 
+/// A light where its node stands. Scale does not change what it gives, only a mirror where it points.
+fn placed(light: LightSource, world: &DAffine3, orientation: DQuat) -> LightRow {
+    let direction = world.transform_vector3(DVec3::NEG_Z).try_normalize().unwrap_or(orientation * DVec3::NEG_Z);
+    LightRow { kind: light.kind, intensity: light.intensity, position: world.translation, direction }
+}
+
 fn check_counts(sources: &[NodeSource], shapes: &[Shape]) -> Result<(), AssembleError> {
     let shown = || sources.iter().filter_map(|node| node.shape);
     let objects = shown().count();
     let subobjects = shown().map(|shape| shapes[shape.0 as usize].pieces.len()).sum();
-    for (what, count, limit) in
-        [("objects", objects, limits::OBJECTS_MAX), ("subobjects", subobjects, limits::SUBOBJECTS_MAX)]
-    {
+    let lights = sources.iter().filter(|node| node.light.is_some()).count();
+    let versions = sources.iter().map(|node| node.levels as usize).max().unwrap_or(0);
+    for (what, count, limit) in [
+        ("objects", objects, limits::OBJECTS_MAX),
+        ("subobjects", subobjects, limits::SUBOBJECTS_MAX),
+        ("lights", lights, limits::LIGHTS_MAX),
+        ("levels of detail of one model", versions, limits::VERSIONS_MAX),
+    ] {
         if count > limit {
             return Err(AssembleError::TooMany { what, count, limit });
         }
@@ -448,16 +419,16 @@ pub(crate) fn node_label(name: &str, index: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::parts::PieceSource;
     use crate::scene::split::{Primitive, split};
-    use glam::DVec3;
 
-    fn triangle() -> Vec<(Mesh, u32)> {
+    fn triangle() -> Vec<PieceSource> {
         let primitive = Primitive {
             positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
             triangles: vec![[0, 1, 2]],
             ..Primitive::default()
         };
-        split(&primitive).into_iter().map(|mesh| (mesh, 0)).collect()
+        PieceSource::plain(split(&primitive), 0)
     }
 
     fn node(name: &str, parent: Option<u32>, x: f64, shape: Option<ShapeIndex>) -> NodeSource {
@@ -465,15 +436,15 @@ mod tests {
             name: name.into(),
             parent,
             local: DAffine3::from_translation(DVec3::X * x),
-            rotation: DQuat::IDENTITY,
             shape,
+            ..NodeSource::default()
         }
     }
 
     #[test]
     fn subtrees_are_ranges_of_nodes_and_of_objects() {
         let mut parts = Parts::default();
-        let shape = parts.add_shape("t", triangle());
+        let shape = parts.add_shape("t", Extras::default(), triangle());
         parts.nodes = vec![
             node("a", None, 10.0, None),
             node("b", Some(0), 1.0, shape),
@@ -499,7 +470,7 @@ mod tests {
     #[test]
     fn what_lies_beyond_all_numbers_is_refused_by_name() {
         let mut parts = Parts::default();
-        let shape = parts.add_shape("t", triangle());
+        let shape = parts.add_shape("t", Extras::default(), triangle());
         parts.nodes = vec![node("far", None, 1e200, shape)];
         let error = Scene::assemble(parts).unwrap_err();
         assert!(error.to_string().starts_with("node \"far\" lies beyond"), "{error}");

@@ -179,7 +179,7 @@ fn posed(own_scale: DMat3, pose: Pose) -> DAffine3 {
 mod tests {
     use super::*;
     use crate::scene::split::{Primitive, split};
-    use crate::scene::{NodeSource, Parts};
+    use crate::scene::{Extras, NodeSource, Parts, PieceSource};
     use glam::{DQuat, DVec3};
 
     /// A mirrored, stretched body with a wheel below it, under a turned root; and a bystander.
@@ -190,10 +190,10 @@ mod tests {
             ..Primitive::default()
         };
         let mut parts = Parts::default();
-        let shape = parts.add_shape("t", split(&primitive).into_iter().map(|mesh| (mesh, 0)).collect());
+        let shape = parts.add_shape("t", Extras::default(), PieceSource::plain(split(&primitive), 0));
         let mut add = |name: &str, parent, scale, rotation, translation, shape| {
             let local = DAffine3::from_scale_rotation_translation(scale, rotation, translation);
-            parts.nodes.push(NodeSource { name: name.into(), parent, local, rotation, shape });
+            parts.nodes.push(NodeSource { name: name.into(), parent, local, rotation, shape, ..NodeSource::default() });
         };
         let turn = DQuat::from_rotation_y(1.0);
         add("root", None, DVec3::splat(2.0), turn, DVec3::new(5.0, 0.0, 0.0), None);

@@ -5,7 +5,8 @@
 //! file ([`import`]) or from parts ([`Parts`]), and never changes: what a host moves is kept beside it, in
 //! [`Entities`], so that one scene serves any number of frames, threads and eyepoints.
 //!
-//! [`split`] cuts primitives into subobjects, [`bounds`] puts balls and boxes round things, [`bvh`] arranges the balls for
+//! [`extras`] is what modellers say about parts of a scene, [`models`] what merges or has versions, [`planes`] which faces lie
+//! over each other in one plane. [`split`] cuts primitives into subobjects, [`bounds`] puts balls and boxes round things, [`bvh`] arranges the balls for
 //! culling, [`inspect`] describes the result to a person.
 
 pub mod bounds;
@@ -13,14 +14,18 @@ pub mod builtin;
 pub mod bvh;
 mod database;
 mod entity;
+mod extras;
 pub mod glb;
 #[cfg(feature = "import")]
 pub mod import;
 pub mod inspect;
+mod models;
+mod parts;
+mod planes;
 pub mod split;
 
-pub use database::{
-    AssembleError, COORDINATE_MAX, MaterialEntry, Node, NodeIndex, NodeSource, Object, Parts, Piece, Scene, Shape,
-    ShapeIndex,
-};
+pub use database::{MaterialEntry, Node, NodeIndex, Object, Piece, Scene, Shape, ShapeIndex};
 pub use entity::{Entities, MovedObject};
+pub use extras::{Extras, Traits};
+pub use models::{Model, VersionsError};
+pub use parts::{AssembleError, COORDINATE_MAX, LightSource, NodeSource, Parts, PieceSource};

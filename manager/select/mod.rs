@@ -22,7 +22,9 @@ pub use frustum::{Frustum, Where};
 
 use crate::scene::{Entities, MovedObject, Scene, bounds};
 use glam::{DAffine3, DVec3};
+use proto::frame::VersionWeights;
 use proto::ids::{ObjectId, SubobjectId};
+use proto::limits;
 use proto::scene::Sphere;
 use proto::view::{Pose, View};
 use serde::Serialize;
@@ -70,12 +72,15 @@ pub struct Counters {
 pub struct Selector {
     keyed: Vec<Keyed>,
     spare: Vec<Keyed>,
+    shown: Vec<u16>,
 }
 
 /// What the steps of one selection share.
 struct Run<'a> {
     scene: &'a Scene,
     frustum: Frustum,
+    /// By model: a bit for each version that is shown. Empty if the scene has no models.
+    shown: &'a [u16],
     keyed: &'a mut Vec<Keyed>,
     objects: &'a mut Vec<ObjectId>,
     counters: Counters,
@@ -88,13 +93,15 @@ impl Selector {
     }
 
     /// What `view` shows of `scene` to an eye at `eye`, `entities` being where they are. With a visibility, what is
-    /// wholly beyond it is left out. Replaces the content of `out`.
+    /// wholly beyond it is left out; so is any version that has no weight (a model without `weights` shows its finest
+    /// version alone). Replaces the content of `out`.
     ///
     /// Nothing that could colour a sample is left out; something that can't may be in.
     pub fn select(
         &mut self,
         scene: &Scene,
         entities: &Entities,
+        weights: &[VersionWeights],
         eye: Pose,
         view: &View,
         visibility_m: Option<f64>,
@@ -102,9 +109,18 @@ impl Selector {
     ) {
         self.keyed.clear();
         out.objects.clear();
+        self.shown.clear();
+        self.shown.resize(scene.models.len(), 1);
+        for model in weights {
+            if let Some(shown) = self.shown.get_mut(model.model.0 as usize) {
+                let weights = model.weights.iter().take(limits::VERSIONS_MAX).enumerate();
+                *shown = weights.fold(0, |bits, (version, &weight)| bits | (u16::from(weight > 0.0) << version));
+            }
+        }
         let mut run = Run {
             scene,
             frustum: Frustum::new(eye, view, visibility_m),
+            shown: &self.shown,
             keyed: &mut self.keyed,
             objects: &mut out.objects,
             counters: Counters::default(),
@@ -164,10 +180,18 @@ impl Run<'_> {
     }
 
     fn take_at_rest(&mut self, id: ObjectId) {
+        let before = self.keyed.len();
         for subobject in self.scene.subobjects_of(self.scene.object(id)) {
             self.take(subobject, self.scene.subobject_spheres[subobject as usize]);
         }
-        self.objects.push(id);
+        self.taken_since(before, id);
+    }
+
+    /// The object is visible if something of it was taken.
+    fn taken_since(&mut self, before: usize, id: ObjectId) {
+        if self.keyed.len() > before {
+            self.objects.push(id);
+        }
     }
 
     fn test_at_rest(&mut self, id: ObjectId) {
@@ -190,12 +214,13 @@ impl Run<'_> {
             Where::Inside => {
                 let object = self.scene.object(moved.object);
                 let stretch = bounds::stretch(&moved.transform);
+                let before = self.keyed.len();
                 for (piece, subobject) in
                     self.scene.shape_of(object).pieces.iter().zip(self.scene.subobjects_of(object))
                 {
                     self.take(subobject, bounds::ball_moved_by(&moved.transform, stretch, piece.sphere));
                 }
-                self.objects.push(moved.object);
+                self.taken_since(before, moved.object);
             }
             Where::Across => self.across(moved.object, &moved.transform, false),
         }
@@ -257,12 +282,16 @@ impl Run<'_> {
                 index = branch.next as usize;
             }
         }
-        if self.keyed.len() > before {
-            self.objects.push(id);
-        }
+        self.taken_since(before, id);
     }
 
     fn take(&mut self, subobject: u32, ball: Sphere) {
+        if !self.shown.is_empty() {
+            let part = self.scene.table.subobjects[subobject as usize].part_of;
+            if part.is_some_and(|part| self.shown[part.model.0 as usize] >> part.version & 1 == 0) {
+                return;
+            }
+        }
         let key = sort::ordered(power(self.frustum.apex(), ball));
         self.keyed.push(Keyed { key, id: SubobjectId(subobject) });
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::scene::split::{Primitive, split};
-use crate::scene::{NodeIndex, NodeSource, Parts};
+use crate::scene::{Extras, NodeIndex, NodeSource, Parts, PieceSource};
 use glam::DQuat;
 use proptest::prelude::*;
 use proto::view::{Samples, Tangents};
@@ -41,8 +41,8 @@ fn build(plan: &Plan) -> Scene {
     let shapes: Vec<_> = [(DVec3::ONE, 1), (DVec3::new(1.0, 8.0, 2.0), 4), (DVec3::new(60.0, 0.5, 40.0), 48)]
         .into_iter()
         .map(|(size, cells)| {
-            let pieces = split(&block(size, cells)).into_iter().map(|mesh| (mesh, 0)).collect();
-            parts.add_shape("block", pieces)
+            let pieces = PieceSource::plain(split(&block(size, cells)), 0);
+            parts.add_shape("block", Extras::default(), pieces)
         })
         .collect();
     for (i, &(shape, place, rotation, scale, below)) in plan.iter().enumerate() {
@@ -52,6 +52,7 @@ fn build(plan: &Plan) -> Scene {
             local: DAffine3::from_scale_rotation_translation(scale, rotation, place),
             rotation,
             shape: shapes[shape],
+            ..NodeSource::default()
         });
     }
     Scene::assemble(parts).unwrap()
@@ -111,7 +112,7 @@ fn power_order_beats_centre_distance() {
     let scene = build(&plan);
     let mut out = Selection::default();
     let wide = view(Tangents { left: -2.0, right: 2.0, bottom: -2.0, top: 2.0 }, Pose::IDENTITY);
-    Selector::new().select(&scene, &Entities::new(&scene), Pose::IDENTITY, &wide, None, &mut out);
+    Selector::new().select(&scene, &Entities::new(&scene), &[], Pose::IDENTITY, &wide, None, &mut out);
     assert_eq!(out.subobjects, [SubobjectId(1), SubobjectId(0)]);
 }
 
@@ -127,7 +128,7 @@ fn a_branch_outside_is_dropped_without_a_look_inside() {
     let mut out = Selection::default();
     let narrow = view(Tangents { left: -0.05, right: 0.05, bottom: -0.05, top: 0.05 }, Pose::IDENTITY);
     let eye = Pose { position: DVec3::new(-20.0, 0.0, 1.0), orientation: DQuat::IDENTITY };
-    Selector::new().select(&scene, &Entities::new(&scene), eye, &narrow, None, &mut out);
+    Selector::new().select(&scene, &Entities::new(&scene), &[], eye, &narrow, None, &mut out);
     let counters = out.counters;
     assert_eq!(counters.objects_visible + counters.objects_culled, 4096);
     let asked = counters.branches_tested + counters.objects_tested;
@@ -146,7 +147,7 @@ fn a_moved_object_is_seen_where_it_is_and_not_where_it_was() {
     let ahead = view(Tangents { left: -0.5, right: 0.5, bottom: -0.5, top: 0.5 }, Pose::IDENTITY);
     let select = |entities: &Entities| {
         let mut out = Selection::default();
-        Selector::new().select(&scene, entities, Pose::IDENTITY, &ahead, None, &mut out);
+        Selector::new().select(&scene, entities, &[], Pose::IDENTITY, &ahead, None, &mut out);
         out.subobjects.iter().map(|id| id.0).collect::<Vec<_>>()
     };
     let at = |z: f64| Pose { position: DVec3::new(0.0, 0.0, z), orientation: DQuat::IDENTITY };
@@ -164,7 +165,7 @@ fn an_empty_scene_shows_nothing() {
     let scene = Scene::assemble(Parts::default()).unwrap();
     let mut out = Selection { subobjects: vec![SubobjectId(7)], ..Selection::default() };
     let ahead = view(Tangents::symmetric(45.0, 640, 360), Pose::IDENTITY);
-    Selector::new().select(&scene, &Entities::new(&scene), Pose::IDENTITY, &ahead, None, &mut out);
+    Selector::new().select(&scene, &Entities::new(&scene), &[], Pose::IDENTITY, &ahead, None, &mut out);
     assert_eq!(out, Selection::default());
 }
 
@@ -216,7 +217,7 @@ proptest! {
         }
         let view = view(tangents, offset);
         let mut out = Selection::default();
-        Selector::new().select(&scene, &entities, eye, &view, visibility, &mut out);
+        Selector::new().select(&scene, &entities, &[], eye, &view, visibility, &mut out);
         let expected = plain(&scene, &entities, eye, &view, visibility);
 
         // What the plain test keeps and we don't must be out of sight by the ball or box of its whole object.
@@ -250,7 +251,7 @@ proptest! {
         let scene = build(&plan);
         let all_round = view(Tangents { left: -50.0, right: 50.0, bottom: -50.0, top: 50.0 }, Pose::IDENTITY);
         let mut out = Selection::default();
-        Selector::new().select(&scene, &Entities::new(&scene), eye, &all_round, None, &mut out);
+        Selector::new().select(&scene, &Entities::new(&scene), &[], eye, &all_round, None, &mut out);
         let balls: Vec<_> = out.subobjects.iter().map(|id| scene.subobject_spheres[id.0 as usize]).collect();
         for direction in directions.into_iter().filter_map(|d| d.try_normalize()) {
             let hits: Vec<_> = balls.iter().map(|&ball| hit(eye.position, direction, ball)).collect();
@@ -262,6 +263,42 @@ proptest! {
                     }
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn versions_without_weight_are_left_out() {
+    let mut parts = Parts::default();
+    let pieces = PieceSource::plain(split(&block(DVec3::ONE, 1)), 0);
+    let shape = parts.add_shape("block", Extras::default(), pieces);
+    for version in 0..3u32 {
+        parts.nodes.push(NodeSource {
+            parent: (version > 0).then_some(0),
+            shape,
+            levels: if version == 0 { 3 } else { 0 },
+            version: Some(version),
+            ..NodeSource::default()
+        });
+    }
+    parts.nodes.push(NodeSource { shape, ..NodeSource::default() });
+    let scene = Scene::assemble(parts).unwrap();
+    let ahead = view(Tangents { left: -1.0, right: 1.0, bottom: -1.0, top: 1.0 }, Pose::IDENTITY);
+    let eye = Pose { position: DVec3::Z * 10.0, orientation: DQuat::IDENTITY };
+    let mut moved = Entities::new(&scene);
+    moved.set(&scene, NodeIndex(0), Pose::IDENTITY);
+    for entities in [Entities::new(&scene), moved] {
+        for (weights, expected) in
+            [(None, vec![0, 3]), (Some([0.0, 0.5, 0.5]), vec![1, 2, 3]), (Some([0.0; 3]), vec![3])]
+        {
+            let weights: Vec<_> = weights
+                .map(|w| VersionWeights { model: proto::ids::ModelId(0), weights: w.to_vec() })
+                .into_iter()
+                .collect();
+            let mut out = Selection::default();
+            Selector::new().select(&scene, &entities, &weights, eye, &ahead, None, &mut out);
+            assert_eq!(out.subobjects.iter().map(|id| id.0).collect::<Vec<_>>(), expected, "{weights:?}");
+            assert_eq!(out.objects.len(), expected.len(), "{weights:?}");
         }
     }
 }

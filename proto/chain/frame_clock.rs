@@ -10,7 +10,7 @@ use super::Wiring;
 use super::rate::{DIVIDER_MAX, RateControl};
 use crate::ids::{BoardId, BoardKey, Epoch, FrameNumber};
 use crate::message::Swap;
-use crate::share::shares;
+use crate::share::views_of;
 use crate::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
@@ -262,8 +262,8 @@ impl FrameClock {
         let mut complete = vec![true; self.views as usize];
         for (i, key) in open.wiring.members.iter().enumerate() {
             if open.waiting.contains(key) || open.lost.contains(key) {
-                for share in shares(BoardId(i as u32), &open.wiring.weights, self.views) {
-                    complete[share.view.0 as usize] = false;
+                for view in views_of(BoardId(i as u32), &open.wiring.weights, self.views) {
+                    complete[view as usize] = false;
                 }
             }
         }

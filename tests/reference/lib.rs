@@ -35,7 +35,7 @@ pub mod translucency;
 pub mod world;
 
 #[cfg(test)]
-mod tests;
+mod analytic;
 
 pub use compare::{Report, Shown, compare, difference_picture};
 pub use integral::integrate;

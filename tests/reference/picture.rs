@@ -5,7 +5,9 @@
 pub struct Kind {
     /// More than one plane, material or stack of faces is seen in the pixel or within one sample spacing of it (proof.md).
     pub is_edge: bool,
-    /// Texels per pixel of the texture seen that is reduced the most; 0 if none is seen. Up to 1 a texture is magnified.
+    /// A texture is seen.
+    pub is_textured: bool,
+    /// Texels per pixel of the texture seen that is reduced the most. Up to 1 a texture is magnified.
     pub texels_per_pixel: f64,
 }
 

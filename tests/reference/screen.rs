@@ -52,7 +52,7 @@ pub struct Face {
     pub instance: u32,
     /// Index of its triangle in the mesh.
     pub triangle: u32,
-    /// What is in front where depths are equal: larger is. (Layer, instance, number of the face in its primitive.)
+    /// What is in front where depths are equal: larger is. (Layer, primitive, number of the face in it.)
     pub rank: (i32, u32, u32),
     /// Its plane.
     pub plane: FacePlane,
@@ -178,7 +178,7 @@ impl<'a> Screen<'a> {
                 self.faces.push(Face {
                     instance: number as u32,
                     triangle: triangle as u32,
-                    rank: (instance.layer, number as u32, mesh.face_numbers[triangle]),
+                    rank: (instance.layer, instance.primitive, mesh.face_numbers[triangle]),
                     plane: FacePlane::new(points, coordinate * stretch),
                     material: material as u32,
                 });

@@ -1,15 +1,17 @@
 //! The colour of a face at a place, of the air before it, and of the sky behind everything: picture.md, "Shade",
 //! "Visibility", "Background".
 //!
-//! Choices: vertex normals are made unit ones in mesh space, interpolated there, and then brought to world axes (where
-//! that leaves no direction, the face's own normal counts). A vertex colour's alpha counts like its colour. Products of alpha are
-//! clamped to 0..=1. The fog's colour under a sky is the horizon's.
+//! Choices: vertex normals are brought to world axes and made unit ones there before they are interpolated, as vertex
+//! shaders do; the page doesn't say in which space (it matters where an object's scale isn't the same along all axes). Where
+//! interpolation leaves no direction, the face's own normal counts. A vertex colour's alpha counts like its colour. Products of alpha are
+//! clamped to 0..=1. The fog's colour under a sky is the horizon's. The scene's lights attenuate as `KHR_lights_punctual`
+//! recommends, a lux or candela per square metre counting as 1 in the formula.
 
 use crate::screen::{Piece, Screen};
 use crate::texture::{Coordinates, Filtering, read};
 use glam::{DVec3, DVec4};
 use proto::frame::{Background, Environment};
-use proto::scene::{Alpha, Filter, Mesh, TextureUse};
+use proto::scene::{Alpha, Filter, LightKind, LightRow, Mesh, TextureUse};
 
 /// Horizon and zenith of the default sky, linear.
 const HORIZON: [f64; 3] = [0.60, 0.70, 0.80];
@@ -67,10 +69,8 @@ impl Screen<'_> {
         let lit = if material.unlit {
             [base[0], base[1], base[2]]
         } else {
-            let environment = &self.state.environment;
-            let toward = self.normal(at.piece, weights).dot(environment.sun_direction).max(0.0);
-            let light = f64::from(environment.ambient) + f64::from(environment.sun) * toward;
-            std::array::from_fn(|k| base[k] * light + f64::from(material.emissive[k]) * glow[k])
+            let light = self.light(at.piece, weights);
+            std::array::from_fn(|k| base[k] * light[k] + f64::from(material.emissive[k]) * glow[k])
         };
         let color = fade(&self.state.environment, lit, self.distance(at));
         Shaded { color, alpha, texels_per_pixel }
@@ -108,6 +108,29 @@ impl Screen<'_> {
         matches!(self.materials[self.faces[face as usize].material as usize].alpha, Alpha::Blend)
     }
 
+    /// ambient + Σ_l light_l · max(0, n·d_l)
+    fn light(&self, piece: &Piece, weights: [f64; 3]) -> [f64; 3] {
+        let environment = &self.state.environment;
+        let normal = self.normal(piece, weights);
+        let sun = f64::from(environment.sun) * normal.dot(environment.sun_direction).max(0.0);
+        let mut sum = [f64::from(environment.ambient) + sun; 3];
+        if environment.scene_lights {
+            let face = &self.faces[piece.face as usize];
+            let instance = &self.world.instances[face.instance as usize];
+            let corners = instance.mesh.triangles[face.triangle as usize];
+            let place = corners.iter().zip(weights).map(|(c, weight)| instance.mesh.position(*c as usize) * weight);
+            let place = instance.transform.transform_point3(place.sum());
+            for light in &self.world.lights {
+                let (toward, strength) = arriving(light, place);
+                let part = strength * normal.dot(toward).max(0.0);
+                for (sum, intensity) in sum.iter_mut().zip(light.intensity) {
+                    *sum += f64::from(intensity) * part;
+                }
+            }
+        }
+        sum
+    }
+
     /// The unit normal, world axes, on the side that is seen.
     fn normal(&self, piece: &Piece, weights: [f64; 3]) -> DVec3 {
         let face = &self.faces[piece.face as usize];
@@ -115,14 +138,14 @@ impl Screen<'_> {
         let mesh = instance.mesh;
         let corners = mesh.triangles[face.triangle as usize].map(|c| c as usize);
         let [a, b, c] = corners.map(|corner| mesh.position(corner));
-        let own = (b - a).cross(c - a).normalize_or_zero();
+        let to_world = |normal: DVec3| (self.normals[face.instance as usize] * normal.normalize_or_zero()).try_normalize();
+        let own = to_world((b - a).cross(c - a)).unwrap_or(DVec3::ZERO);
         let vertex_normal = |corner: usize| {
-            let given = mesh.normals.get(corner).map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)));
-            given.try_normalize().unwrap_or(own)
+            let given = mesh.normals.get(corner).map(|n| DVec3::from_array(n.map(f64::from)));
+            given.and_then(to_world).unwrap_or(own)
         };
         let mixed: DVec3 = corners.iter().zip(weights).map(|(corner, weight)| vertex_normal(*corner) * weight).sum();
-        let to_world = self.normals[face.instance as usize];
-        let normal = (to_world * mixed).try_normalize().unwrap_or_else(|| (to_world * own).normalize_or_zero());
+        let normal = mixed.try_normalize().unwrap_or(own);
         if piece.is_behind { -normal } else { normal }
     }
 
@@ -144,7 +167,8 @@ impl Screen<'_> {
             let coordinate = coordinates.at(place.piece.weights_at(place.point));
             DVec4::from_array(read(texture, used, coordinate, filter))
         };
-        let places = if filtering == Filtering::Point { Vec::new() } else { covered(filtering.side(rate)) };
+        let side = filtering.side(rate);
+        let places = if side == 1 { Vec::new() } else { covered(side) };
         let color = if places.is_empty() {
             one(at)
         } else {
@@ -176,6 +200,27 @@ fn texels_per_pixel(screen: &Screen<'_>, at: Place<'_>, coordinates: &Coordinate
     let here = coordinates.at(at.piece.weights_at(at.point));
     let way = |point| ((coordinates.at(at.piece.weights_at(point)) - here) * size).length() / STEP;
     way([x + STEP, y]).max(way([x, y + STEP]))
+}
+
+/// From where, and how much weakened, a light arrives at a place: `KHR_lights_punctual`, "Range Property" and "Inner and
+/// Outer Cone Angles".
+fn arriving(light: &LightRow, place: DVec3) -> (DVec3, f64) {
+    let from = light.position - place;
+    let window = |range: Option<f64>| {
+        let weakened = range.map_or(1.0, |range| (1.0 - (from.length() / range).powi(4)).clamp(0.0, 1.0));
+        weakened / from.length_squared().max(f64::MIN_POSITIVE)
+    };
+    let toward = from.normalize_or_zero();
+    match light.kind {
+        LightKind::Directional => (-light.direction, 1.0),
+        LightKind::Point { range } => (toward, window(range)),
+        LightKind::Spot { range, inner_cos, outer_cos } => {
+            let scale = 1.0 / (f64::from(inner_cos) - f64::from(outer_cos)).max(0.001);
+            let cosine = light.direction.dot(-toward);
+            let cone = ((cosine - f64::from(outer_cos)) * scale).clamp(0.0, 1.0);
+            (toward, window(range) * cone * cone)
+        }
+    }
 }
 
 fn vertex_color(mesh: &Mesh, corners: [u32; 3], weights: [f64; 3]) -> [f64; 4] {

@@ -9,14 +9,22 @@
 
 use glam::DVec2;
 use proto::scene::{Filter, Mesh, Texture, TextureUse, Wrap};
+use std::sync::LazyLock;
+
+/// Linear values of the 256 encoded ones.
+static DECODED: LazyLock<[f64; 256]> = LazyLock::new(|| std::array::from_fn(|c| crate::picture::decode(c as f64)));
 
 /// How much of a texture a pixel sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filtering {
-    /// The base level averaged over the pixel, as the page has it; at most that many places per side. (Two places per texel
+    /// The base level averaged over the pixel, as the page has it; at most that many places per side. (Four places per texel
     /// are looked at, at least 4 and at most this number per side.)
     Averaged(usize),
-    /// The one place where the face is shaded: what a renderer does that magnifies.
+    /// The same where texels are smaller than pixels; where they are larger, the one place where the face is shaded, as
+    /// renderers do. Beside a sharp edge in the texture that differs from the average, most where texels and pixels are
+    /// of one size.
+    AveragedIfReduced(usize),
+    /// The one place where the face is shaded, always.
     Point,
 }
 
@@ -28,7 +36,8 @@ impl Filtering {
     pub fn side(self, texels_per_pixel: f64) -> usize {
         match self {
             Self::Point => 1,
-            Self::Averaged(most) => ((texels_per_pixel * 2.0).ceil() as usize).clamp(4, most.max(4)),
+            Self::AveragedIfReduced(_) if texels_per_pixel <= 1.0 => 1,
+            Self::AveragedIfReduced(most) | Self::Averaged(most) => ((texels_per_pixel * 4.0).ceil() as usize).clamp(4, most.max(4)),
         }
     }
 }
@@ -60,7 +69,7 @@ pub fn read(texture: &Texture, used: &TextureUse, place: DVec2, filter: Filter) 
     let texel = |x: i64, y: i64| {
         let (x, y) = (wrap(used.wrap_u, x, width), wrap(used.wrap_v, y, height));
         let [r, g, b, a] = texture.texels[(y * width + x) as usize];
-        let color = |c: u8| crate::picture::decode(f64::from(c));
+        let color = |c: u8| DECODED[usize::from(c)];
         [color(r), color(g), color(b), f64::from(a) / 255.0]
     };
     let (x, y) = (place.x * width as f64, place.y * height as f64);

@@ -16,7 +16,8 @@
 /// A model whose faces are not each a layer of their own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// The weight of each version; their sum is 1. A model with one version has `[1.0]`.
+    /// The weight of each version. What is missing to a sum of 1 is a version that shows nothing. A model with one version
+    /// has `[1.0]`.
     pub weights: Vec<f64>,
     /// Whether only the nearest translucent fragment of each version counts.
     pub merged: bool,
@@ -36,7 +37,7 @@ pub struct Member {
 pub struct Fragment {
     /// Larger is farther.
     pub depth: f64,
-    /// Of two that are equally far, the larger is in front: (layer, instance, face).
+    /// Of two that are equally far, the larger is in front: (layer, primitive, face).
     pub rank: (i32, u32, u32),
     /// Linear RGB.
     pub color: [f64; 3],
@@ -106,7 +107,11 @@ pub fn composite_sorted(fragments: &[Fragment], models: &[Model], background: [f
 
 /// Π T_h over all models met, except one.
 fn through_models(open: &[Open], models: &[Model], except: Option<usize>) -> f64 {
-    let of = |entry: &Open| -> f64 { models[entry.model].weights.iter().zip(&entry.through).map(|(w, t)| w * t).sum() };
+    let of = |entry: &Open| -> f64 {
+        let weights = &models[entry.model].weights;
+        let nothing = (1.0 - weights.iter().sum::<f64>()).max(0.0);
+        nothing + weights.iter().zip(&entry.through).map(|(w, t)| w * t).sum::<f64>()
+    };
     open.iter().filter(|entry| Some(entry.model) != except).map(of).product()
 }
 

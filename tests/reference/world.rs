@@ -1,14 +1,13 @@
 //! What is drawn: meshes in their places, in the order of the file.
 //!
-//! A [`World`] is made of a scene's tables ([`World::of_scene`]) or put together by a test. What `proto`'s tables can't
-//! say yet, layers of coplanar faces and membership of models with versions, stands beside each mesh in its
-//! [`Instance`], so that a test can state it.
+//! A [`World`] is made of a scene's tables ([`World::of_scene`]) or put together by a test. The tables' list of planes
+//! (`SceneTable::planes`) is not read: which faces lie in one plane is found out here, see [`crate::plane`].
 
 use crate::translucency::{Member, Model};
 use glam::DAffine3;
-use proto::frame::Moved;
-use proto::ids::{ContentId, SubobjectId};
-use proto::scene::{Mesh, SceneTable, Texture};
+use proto::frame::{Moved, VersionWeights};
+use proto::ids::{ContentId, ModelId, SubobjectId};
+use proto::scene::{LightRow, Mesh, SceneTable, Texture};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use thiserror::Error;
@@ -20,13 +19,15 @@ pub struct Instance<'a> {
     pub mesh: &'a Mesh,
     /// Mesh space → world.
     pub transform: DAffine3,
-    /// Where planes coincide the higher layer wins.
+    /// Where planes coincide the higher layer wins; in one layer the later primitive, then the later face.
     pub layer: i32,
+    /// Number of the primitive in the file.
+    pub primitive: u32,
     /// Which version of which model it belongs to; `None`: each face stands for itself.
     pub member: Option<Member>,
 }
 
-/// Everything there is to be seen. Where faces coincide the later instance wins, in one instance the later face.
+/// Everything there is to be seen.
 #[derive(Clone, Debug, Default)]
 pub struct World<'a> {
     /// In the order of the file.
@@ -35,6 +36,8 @@ pub struct World<'a> {
     pub textures: BTreeMap<ContentId, &'a Texture>,
     /// The models that [`Instance::member`] names by index.
     pub models: Vec<Model>,
+    /// The lights of the file; they shine if the frame asks for them.
+    pub lights: Vec<LightRow>,
 }
 
 /// Why a scene can't be drawn. The caller's fault.
@@ -63,10 +66,17 @@ pub enum WorldError {
         /// Which row.
         subobject: SubobjectId,
     },
+    /// A model or version beyond the table's end.
+    #[error("{model}: there is no such model, or not that version of it")]
+    Model {
+        /// Which model.
+        model: ModelId,
+    },
 }
 
 impl<'a> World<'a> {
-    /// All subobjects of a scene, with the objects of `moved` where those say; ordinary in every other respect.
+    /// All subobjects of a scene, with the objects of `moved` where those say, and the versions of models mixed as
+    /// `weights` say; a model that they don't name shows its finest version alone.
     ///
     /// # Errors
     /// [`WorldError`] when the tables name what isn't there.
@@ -75,10 +85,23 @@ impl<'a> World<'a> {
         meshes: &'a BTreeMap<ContentId, Arc<Mesh>>,
         textures: &'a BTreeMap<ContentId, Arc<Texture>>,
         moved: &[Moved],
+        weights: &[VersionWeights],
     ) -> Result<Self, WorldError> {
         let moved: BTreeMap<_, _> = moved.iter().map(|moved| (moved.object, moved.transform)).collect();
-        let mut world =
-            Self { textures: textures.iter().map(|(id, texture)| (*id, texture.as_ref())).collect(), ..Self::default() };
+        let finest = |versions: u32| (0..versions).map(|v| f64::from(u8::from(v == 0))).collect();
+        let mut models: Vec<Model> =
+            table.models.iter().map(|row| Model { weights: finest(row.versions), merged: row.merged }).collect();
+        for given in weights {
+            let model = models.get_mut(given.model.0 as usize).filter(|m| m.weights.len() == given.weights.len());
+            let model = model.ok_or(WorldError::Model { model: given.model })?;
+            model.weights = given.weights.iter().map(|w| f64::from(*w)).collect();
+        }
+        let mut world = Self {
+            instances: Vec::new(),
+            textures: textures.iter().map(|(id, texture)| (*id, texture.as_ref())).collect(),
+            models,
+            lights: table.lights.clone(),
+        };
         for (row, number) in table.subobjects.iter().zip(0..) {
             let subobject = SubobjectId(number);
             let mesh = meshes.get(&row.mesh).ok_or(WorldError::Mesh { subobject, mesh: row.mesh })?;
@@ -89,13 +112,21 @@ impl<'a> World<'a> {
             }
             let object = table.objects.get(row.object.0 as usize).ok_or(WorldError::Object { subobject })?;
             let transform = moved.get(&row.object).copied().unwrap_or(object.transform);
-            world.instances.push(Instance { mesh, transform, layer: 0, member: None });
+            let member = row.part_of.map(|part| Member { model: part.model.0 as usize, version: part.version as usize });
+            if let (Some(member), Some(part)) = (member, row.part_of) {
+                let versions = world.models.get(member.model).map_or(0, |model| model.weights.len());
+                if member.version >= versions {
+                    return Err(WorldError::Model { model: part.model });
+                }
+            }
+            world.instances.push(Instance { mesh, transform, layer: row.layer, primitive: row.primitive, member });
         }
         Ok(world)
     }
 
-    /// Adds a mesh with nothing special about it.
+    /// Adds a mesh with nothing special about it, as the next primitive of the file.
     pub fn add(&mut self, mesh: &'a Mesh, transform: DAffine3) {
-        self.instances.push(Instance { mesh, transform, layer: 0, member: None });
+        let primitive = self.instances.len() as u32;
+        self.instances.push(Instance { mesh, transform, layer: 0, primitive, member: None });
     }
 }

@@ -5,6 +5,7 @@
 //! file. Each comes with a camera path that shows it.
 
 mod airport;
+mod bench;
 mod paint;
 mod random;
 mod shapes;
@@ -24,14 +25,23 @@ pub struct BuiltIn {
 
 /// The names that [`build`] knows.
 pub fn names() -> &'static [&'static str] {
-    &["airport"]
+    const NAMES: [&str; 1 + bench::NAMES.len()] = {
+        let mut all = ["airport"; 1 + bench::NAMES.len()];
+        let mut i = 0;
+        while i < bench::NAMES.len() {
+            all[1 + i] = bench::NAMES[i];
+            i += 1;
+        }
+        all
+    };
+    &NAMES
 }
 
-/// Makes the scene of that name; a fraction of a second.
+/// Makes the scene of that name; a fraction of a second, for `dense` a second.
 pub fn build(name: &str) -> Option<BuiltIn> {
     match name {
         "airport" => Some(airport::build()),
-        _ => None,
+        name => bench::build(name),
     }
 }
 

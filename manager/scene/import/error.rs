@@ -134,6 +134,14 @@ pub enum Fault {
         /// What is wrong.
         what: &'static str,
     },
+    /// Levels of detail that don't make one thing.
+    #[error("{place}: {what}; set its levels again")]
+    Levels {
+        /// The node.
+        place: String,
+        /// What is wrong.
+        what: String,
+    },
     /// A buffer has less data than it says.
     #[error("buffer {buffer} has {has} bytes, {needs} are declared; copy or export the scene again")]
     ShortBuffer {

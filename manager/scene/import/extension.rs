@@ -11,10 +11,12 @@ use gltf::json::Root;
 /// Understood in full.
 const SUPPORTED: &[&str] = &[
     "EXT_mesh_gpu_instancing",
+    "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
+    "MSFT_lod",
 ];
 
 /// Whose absence does not change the picture.
@@ -29,7 +31,6 @@ const REMEDIES: &[(&str, &str)] = &[
     ("EXT_texture_webp", "convert its pictures with: npx @gltf-transform/cli png in.glb out.glb"),
     ("EXT_texture_avif", "convert its pictures with: npx @gltf-transform/cli png in.glb out.glb"),
     ("KHR_materials_pbrSpecularGlossiness", "convert it with: npx @gltf-transform/cli metalrough in.glb out.glb"),
-    ("KHR_lights_punctual", "export the scene without lights, or with the extension as optional"),
 ];
 
 /// Refuses required extensions that are not understood, and warns of the others.
@@ -44,8 +45,6 @@ pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Result<(), Fault> {
     for name in &root.extensions_used {
         match name.as_str() {
             name if SUPPORTED.contains(&name) || HARMLESS.contains(&name) => {}
-            "KHR_lights_punctual" => warnings.add("the file's own lights are not used (KHR_lights_punctual)"),
-            "MSFT_lod" => warnings.add("levels of detail are not used, only the finest is shown (MSFT_lod)"),
             name => warnings.add(format!("the extension {name} is not supported and left out")),
         }
     }

@@ -5,8 +5,9 @@
 
 use super::accessor::at;
 use super::error::Fault;
-use super::{Importer, picture};
-use crate::scene::MaterialEntry;
+use super::extras::At;
+use super::{Importer, extras, picture};
+use crate::scene::{Extras, MaterialEntry};
 use glam::DQuat;
 use gltf::json;
 use gltf::json::material::AlphaMode;
@@ -21,6 +22,17 @@ pub(super) struct Ready {
     pub(super) material: Material,
     /// Its place in the scene's list of materials.
     pub(super) entry: u32,
+    /// The coplanar layer that its extras say.
+    pub(super) layer: Option<i32>,
+    /// Whether its extras mark it as merged.
+    pub(super) merged: Option<bool>,
+}
+
+fn label(described: &json::Material, index: usize) -> String {
+    match &described.name {
+        Some(name) if !name.is_empty() => format!("material {name:?}"),
+        _ => format!("material {index}"),
+    }
 }
 
 impl Importer<'_> {
@@ -29,24 +41,23 @@ impl Importer<'_> {
         if let Some(&ready) = self.materials.get(&index) {
             return Ok(ready);
         }
-        let (name, material) = match index {
-            None => ("(default)".to_owned(), Material::default()),
+        let (name, material, said) = match index {
+            None => ("(default)".to_owned(), Material::default(), Extras::default()),
             Some(index) => {
                 let described = at(&self.data.root.materials, index, "material", place)?;
-                (described.name.clone().unwrap_or_default(), self.convert(described, index)?)
+                let said = extras::read(&described.extras, At::Part, &|| label(described, index), &mut self.warnings);
+                (described.name.clone().unwrap_or_default(), self.convert(described, index)?, said)
             }
         };
-        let ready = Ready { material, entry: self.parts.materials.len() as u32 };
+        let entry = self.parts.materials.len() as u32;
+        let ready = Ready { material, entry, layer: said.layer, merged: said.merged };
         self.parts.materials.push(MaterialEntry { name, material });
         self.materials.insert(index, ready);
         Ok(ready)
     }
 
     fn convert(&mut self, described: &json::Material, index: usize) -> Result<Material, Fault> {
-        let label = match &described.name {
-            Some(name) if !name.is_empty() => format!("material {name:?}"),
-            _ => format!("material {index}"),
-        };
+        let label = label(described, index);
         let fault = |what: &str| Fault::Material { material: label.clone(), what: what.into() };
         let pbr = &described.pbr_metallic_roughness;
         let extensions = described.extensions.as_ref();

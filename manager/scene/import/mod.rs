@@ -7,12 +7,16 @@
 //! out with a warning; what can't is refused.
 //!
 //! `container` opens a .glb, `uri` finds external parts, `accessor` reads binary data, `extension` decides what is
-//! understood, `material` and `picture` make surfaces, `primitive` makes triangles, `tree` walks the nodes.
+//! understood, `material` and `picture` make surfaces, `primitive` makes triangles, `light` makes lights, `extras` reads what
+//! modellers say, `levels` finds levels of detail, `tree` walks the nodes.
 
 mod accessor;
 mod container;
 mod error;
 mod extension;
+mod extras;
+mod levels;
+mod light;
 mod material;
 mod picture;
 mod primitive;

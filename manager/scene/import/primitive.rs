@@ -1,20 +1,22 @@
 //! Mesh primitives of the file: attributes and indices, checked, as triangles.
 
-use super::Importer;
 use super::accessor::{For, at};
 use super::error::Fault;
-use crate::scene::ShapeIndex;
+use super::extras::At;
+use super::material::Ready;
+use super::{Importer, extras};
 use crate::scene::split::{Primitive, split};
+use crate::scene::{Extras, PieceSource, ShapeIndex};
 use gltf::json;
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
-use proto::scene::{Mesh, TextureUse};
+use proto::scene::TextureUse;
 
 /// Most triangles of a scene, each mesh counted once: some 8 GB of meshes. A small file can name one large buffer many
 /// times over, so the file's size is no bound.
 const TRIANGLES_MAX: u64 = 1 << 27;
 
-/// A set of texture coordinates that no mesh has ([`Mesh::texcoords`] are at most two): (0, 0) everywhere.
+/// A set of texture coordinates that no mesh has ([`proto::scene::Mesh::texcoords`] are at most two): (0, 0) everywhere.
 const ABSENT_SET: u32 = 2;
 
 impl Importer<'_> {
@@ -26,24 +28,43 @@ impl Importer<'_> {
         }
         let root = self.data.root;
         let described = at(&root.meshes, index, "mesh", place)?;
-        let mut pieces: Vec<(Mesh, u32)> = Vec::new();
-        for primitive in &described.primitives {
-            if let Some((primitive, entry)) = self.primitive(primitive, place)? {
+        let mesh_name = described.name.as_deref().filter(|name| !name.is_empty());
+        let label = || mesh_name.map_or_else(|| format!("mesh {index}"), |name| format!("mesh {name:?}"));
+        let whole = extras::read(&described.extras, At::Mesh, &label, &mut self.warnings);
+        let mut pieces: Vec<PieceSource> = Vec::new();
+        for (number, described) in described.primitives.iter().enumerate() {
+            if let Some((primitive, ready)) = self.primitive(described, place)? {
                 self.triangles += primitive.triangles.len() as u64;
                 if self.triangles > TRIANGLES_MAX {
                     let (count, limit) = (self.triangles, TRIANGLES_MAX);
                     return Err(Fault::TooMany { place: place.into(), what: "triangles", count, limit });
                 }
-                pieces.extend(split(&primitive).into_iter().map(|mesh| (mesh, entry)));
+                let place = || format!("{}, primitive {number}", label());
+                let own = extras::read(&described.extras, At::Part, &place, &mut self.warnings);
+                let said = Extras {
+                    layer: own.layer.or(ready.layer),
+                    merged: own.merged.or(ready.merged),
+                    ..Extras::default()
+                };
+                pieces.extend(split(&primitive).into_iter().map(|mesh| PieceSource {
+                    mesh,
+                    material: ready.entry,
+                    primitive: number as u32,
+                    extras: said.clone(),
+                }));
             }
         }
-        let shape = self.parts.add_shape(described.name.as_deref().unwrap_or_default(), pieces);
+        let shape = self.parts.add_shape(mesh_name.unwrap_or_default(), whole, pieces);
         self.shapes.insert(index, shape);
         Ok(shape)
     }
 
-    /// A primitive and its material's place in the list; `None` if it isn't made of triangles.
-    fn primitive(&mut self, described: &json::mesh::Primitive, place: &str) -> Result<Option<(Primitive, u32)>, Fault> {
+    /// A primitive and its material; `None` if it isn't made of triangles.
+    fn primitive(
+        &mut self,
+        described: &json::mesh::Primitive,
+        place: &str,
+    ) -> Result<Option<(Primitive, Ready)>, Fault> {
         let Checked::Valid(mode) = described.mode else {
             self.warnings.add(format!("{place}: a primitive of unknown mode is left out"));
             return Ok(None);
@@ -135,7 +156,7 @@ impl Importer<'_> {
                 }
             };
         }
-        Ok(Some((primitive, ready.entry)))
+        Ok(Some((primitive, ready)))
     }
 
     /// Vertex colours with or without alpha, in 0..=1.

@@ -4,11 +4,12 @@
 //! and centimetres that count, so they are read a second time here, as f64. All walks are loops with their own stack,
 //! because a file may well have a chain of a million nodes.
 
-use super::Importer;
 use super::accessor::{For, at};
 use super::error::Fault;
-use crate::scene::NodeSource;
+use super::extras::At;
+use super::{Importer, extras, levels};
 use crate::scene::database::node_label;
+use crate::scene::{Extras, NodeSource};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use gltf::json::Root;
 use proto::limits;
@@ -45,13 +46,13 @@ struct InstanceAttributes {
     scale: Option<usize>,
 }
 
-fn label(root: &Root, node: usize) -> String {
+pub(super) fn label(root: &Root, node: usize) -> String {
     let name = root.nodes.get(node).and_then(|node| node.name.as_deref()).unwrap_or_default();
     node_label(name, node)
 }
 
 /// The children of a node, as plain indices.
-fn children(root: &Root, node: usize) -> impl DoubleEndedIterator<Item = usize> + '_ {
+pub(super) fn children(root: &Root, node: usize) -> impl DoubleEndedIterator<Item = usize> + '_ {
     root.nodes[node].children.iter().flatten().map(|child| child.value())
 }
 
@@ -108,20 +109,42 @@ fn roots(root: &Root, parents: &[Option<usize>]) -> Result<Vec<usize>, Fault> {
     Ok(roots)
 }
 
+const FLAT_MODEL: &str = "levels of detail, but a scale of 0";
+
+/// Where a node stands as seen from another at the same place in the tree; to the bit nothing if they stand alike.
+fn relative(node: (DAffine3, DQuat), to: (DAffine3, DQuat)) -> Option<(DAffine3, DQuat)> {
+    if node == to {
+        return Some((DAffine3::IDENTITY, DQuat::IDENTITY));
+    }
+    let local = to.0.inverse() * node.0;
+    local.is_finite().then(|| (local, (to.1.conjugate() * node.1).normalize()))
+}
+
 impl Importer<'_> {
     /// Walks the scene's tree, depth first, and hands over its nodes and what they show.
     pub(super) fn tree(&mut self, placements: &Placements) -> Result<(), Fault> {
         let root = self.data.root;
         let parents = parents(root)?;
-        let mut open: Vec<(usize, Option<u32>)> = roots(root, &parents)?.into_iter().rev().map(|n| (n, None)).collect();
+        let said: Vec<Extras> = (0..root.nodes.len())
+            .map(|node| extras::read(&root.nodes[node].extras, At::Node, &|| label(root, node), &mut self.warnings))
+            .collect();
+        let levels = levels::find(root, &parents, &said, &mut self.warnings)?;
+        let stand = |node: usize| {
+            placements.nodes.get(node).map_or(Ok((DAffine3::IDENTITY, DQuat::IDENTITY)), |placement| {
+                placement.resolve().map_err(|what| Fault::Transform { place: label(root, node), what })
+            })
+        };
+        let begin = roots(root, &parents)?.into_iter().rev().filter(|node| !levels.adopted_by.contains_key(node));
+        let mut open: Vec<(usize, Option<u32>)> = begin.map(|node| (node, None)).collect();
         while let Some((index, parent)) = open.pop() {
             let place = label(root, index);
             let node = &root.nodes[index];
             let own = self.parts.nodes.len() as u32;
-            let (local, rotation) =
-                placements.nodes.get(index).map_or(Ok((DAffine3::IDENTITY, DQuat::IDENTITY)), |placement| {
-                    placement.resolve().map_err(|what| Fault::Transform { place: place.clone(), what })
-                })?;
+            let (mut local, mut rotation) = stand(index)?;
+            if let Some(&model) = levels.adopted_by.get(&index) {
+                (local, rotation) = relative((local, rotation), stand(model)?)
+                    .ok_or_else(|| Fault::Transform { place: label(root, model), what: FLAT_MODEL })?;
+            }
             if node.skin.is_some() {
                 self.warnings.add("skins are not applied: meshes keep the pose they were modelled in");
             }
@@ -133,16 +156,33 @@ impl Importer<'_> {
             let instancing = extensions.and_then(|all| all.others.get("EXT_mesh_gpu_instancing"));
             let name = node.name.clone().unwrap_or_default();
             let shown = if instancing.is_some() { None } else { shape };
-            self.parts.nodes.push(NodeSource { name: name.clone(), parent, local, rotation, shape: shown });
+            let lights = extensions.and_then(|all| all.khr_lights_punctual.as_ref());
+            let light = match lights {
+                Some(lights) => self.light(lights.light.value(), &place)?,
+                None => None,
+            };
+            self.parts.nodes.push(NodeSource {
+                name: name.clone(),
+                parent,
+                local,
+                rotation,
+                shape: shown,
+                extras: said[index].clone(),
+                levels: levels.models.get(&index).copied().unwrap_or(0),
+                version: levels.versions.get(&index).copied(),
+                light,
+            });
             if let (Some(instancing), Some(_)) = (instancing, shape) {
                 let instancing = Instancing::deserialize(instancing)
                     .map_err(|error| Fault::Json { message: format!("{place}: EXT_mesh_gpu_instancing: {error}") })?;
                 for (i, (local, rotation)) in self.instances(&instancing.attributes, &place)?.into_iter().enumerate() {
                     let name = if name.is_empty() { String::new() } else { format!("{name}[{i}]") };
-                    self.parts.nodes.push(NodeSource { name, parent: Some(own), local, rotation, shape });
+                    let instance =
+                        NodeSource { name, parent: Some(own), local, rotation, shape, ..NodeSource::default() };
+                    self.parts.nodes.push(instance);
                 }
             }
-            open.extend(children(root, index).rev().map(|child| (child, Some(own))));
+            open.extend(levels.children(root, index).rev().map(|child| (child, Some(own))));
         }
         Ok(())
     }

@@ -6,6 +6,7 @@ mod bad_input;
 mod features;
 mod models;
 mod mutations;
+mod scene_extras;
 
 use super::{ImportError, load_glb};
 use crate::scene::Scene;

@@ -1,35 +1,15 @@
-//! Claims about whole pictures, against formulas and the brute-force sampler of [`crate::oracle`].
+//! Whole pictures against formulas and the brute-force sampler.
 
+use super::{ALL_SAMPLES, assert_near, at_origin, checker, near, wall};
 use crate::oracle::*;
-use crate::pipeline::{DrawError, Renderer, TilePictures};
-use crate::store::SceneStore;
+use crate::pipeline::Renderer;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use proto::frame::{Background, Environment, FrameState};
-use proto::ids::{BoardId, SubobjectId};
-use proto::scene::{Alpha, Filter, Mesh, Texture};
-use proto::share::{Lattice, shares};
-use proto::view::{Pose, Samples, View};
+use proto::frame::{Background, Environment};
+use proto::ids::SubobjectId;
+use proto::scene::{Alpha, Filter, Mesh};
+use proto::share::Part;
+use proto::view::{Pose, Samples};
 use std::num::NonZeroUsize;
-
-const ALL_SAMPLES: [Samples; 5] = [Samples::One, Samples::Four, Samples::Eight, Samples::Sixteen, Samples::SixtyFour];
-
-fn at_origin(meshes: Vec<Mesh>) -> SceneStore {
-    store_of(meshes.into_iter().map(|m| (m, DAffine3::IDENTITY)).collect())
-}
-
-/// A rectangle square to the line of sight at `distance`, far beyond the view's borders.
-fn wall(distance: f64, color: [f32; 4]) -> Mesh {
-    let d = distance * 4.0;
-    mesh_of(&rectangle(DVec3::new(-d, -d, -distance), DVec3::X * 2.0 * d, DVec3::Y * 2.0 * d), color)
-}
-
-fn near(a: [f32; 3], b: [f64; 3], by: f64) -> bool {
-    a.iter().zip(b).all(|(a, b)| (f64::from(*a) - b).abs() <= by)
-}
-
-fn assert_near(a: [f32; 3], b: [f64; 3], by: f64) {
-    assert!(near(a, b, by), "{a:?} is not {b:?}");
-}
 
 #[test]
 fn a_vertical_edge_is_seen_in_as_many_steps_as_samples() {
@@ -216,7 +196,7 @@ fn where_faces_coincide_the_later_in_the_file_wins_whatever_the_list() {
         let list = list.map(SubobjectId);
         for samples in ALL_SAMPLES {
             let view = view(16, 16, samples);
-            let picture = draw_with(&mut renderer, &scene, &state(), &view, &list, &[Lattice::WHOLE]);
+            let picture = draw_with(&mut renderer, &scene, &state(), &view, &list, &[Part::WHOLE]);
             assert!(picture.linear.iter().all(|c| *c == [0.0, 1.0, 0.0]), "{list:?}");
         }
     }
@@ -346,11 +326,6 @@ fn normals_are_normalised_before_and_after_interpolation() {
     assert_near(picture.at(32, 32), [0.3 + 0.7 * std::f64::consts::FRAC_1_SQRT_2; 3], 1e-3);
 }
 
-fn checker(store: &mut SceneStore, n: usize, size: u32, light: [u8; 4], dark: [u8; 4]) {
-    let texels = (0..size * size).map(|i| if (i % size + i / size).is_multiple_of(2) { light } else { dark }).collect();
-    store.insert_texture(content(n), Texture { width: size, height: size, texels }).unwrap();
-}
-
 /// A wall at 1 m whose texture coordinates run from 0 to `repeats` over the 90° view, from its upper left.
 fn textured_wall(texture: usize, repeats: f32) -> Mesh {
     let mut mesh = wall(1.0, [1.0; 4]);
@@ -435,195 +410,4 @@ fn visibility_fades_by_distance_and_ends_at_its_range() {
     }
     let picture = draw(&at_origin(vec![wall(101.0, [1.0; 4])]), &state, &view);
     assert!(picture.linear.iter().all(|c| *c == [0.0; 3]), "nothing is drawn beyond the range");
-}
-
-/// Something of everything: crossing faces, textures, masks, smooth normals, glass, fog, a mirrored and a moved object.
-fn motley() -> (SceneStore, FrameState) {
-    let mut random = Random(0xBEEF);
-    let mut meshes = Vec::new();
-    for k in 0..60 {
-        let triangles: Vec<[DVec3; 3]> = (0..1 + random.below(20))
-            .map(|_| {
-                let centre = DVec3::new(random.signed() * 6.0, random.signed() * 4.0, -1.0 - random.unit() * 9.0);
-                let size = [0.05, 0.5, 4.0][random.below(3) as usize];
-                std::array::from_fn(|_| {
-                    (centre + DVec3::new(random.signed(), random.signed(), random.signed()) * size).as_vec3().as_dvec3()
-                })
-            })
-            .collect();
-        let mut mesh = mesh_of(&triangles, [random.unit() as f32, random.unit() as f32, random.unit() as f32, 1.0]);
-        let mut vector = |_: &[f32; 3]| [random.signed() as f32, random.signed() as f32, random.signed() as f32];
-        if k % 3 == 0 {
-            mesh.normals = mesh.positions.iter().map(&mut vector).collect();
-        }
-        if k % 2 == 0 {
-            mesh.texcoords = vec![mesh.positions.iter().map(&mut vector).map(|[u, v, _]| [u, v]).collect()];
-            mesh.material.base_texture = Some(texture_use(content(1000)));
-            mesh.material.emissive_texture = Some(texture_use(content(1000)));
-            mesh.material.emissive = [0.1; 3];
-        }
-        if k % 5 == 1 {
-            mesh.colors =
-                mesh.positions.iter().map(&mut vector).map(|[r, g, b]| [r.abs(), g.abs(), b.abs(), r.abs()]).collect();
-        }
-        mesh.material.unlit = k % 7 == 0;
-        mesh.material.double_sided = k % 4 != 0;
-        mesh.material.alpha = [Alpha::Opaque, Alpha::Blend, Alpha::Opaque, Alpha::Mask { cutoff: 0.5 }][k % 4];
-        if k % 8 == 1 {
-            mesh.material.base_color[3] = 0.4;
-        }
-        let mut transform = DAffine3::from_translation(DVec3::new(0.0, 0.0, -(k as f64) * 0.05));
-        if k % 6 == 0 {
-            transform.matrix3.x_axis = -transform.matrix3.x_axis;
-        }
-        meshes.push((mesh, transform));
-    }
-    let mut store = store_of(meshes);
-    checker(&mut store, 1000, 8, [250, 200, 150, 220], [30, 60, 90, 60]);
-    let mut state = state();
-    state.environment.background = Background::Sky;
-    state.environment.visibility_m = Some(11.0);
-    (store, state)
-}
-
-#[test]
-fn bytes_are_the_same_for_any_threads_shares_and_lists() {
-    let (store, state) = motley();
-    let list = everything(&store);
-    let mut reversed = list.clone();
-    reversed.reverse();
-    let mut shuffled = list.clone();
-    let mut random = Random(3);
-    for i in (1..shuffled.len()).rev() {
-        shuffled.swap(i, random.below(i as u64 + 1) as usize);
-    }
-    let mut one = Renderer::new(NonZeroUsize::MIN).unwrap();
-    let mut two = Renderer::new(NonZeroUsize::new(2).unwrap()).unwrap();
-    for samples in ALL_SAMPLES {
-        let view = view(150, 100, samples);
-        let standard = draw_with(&mut one, &store, &state, &view, &list, &[Lattice::WHOLE]);
-        let differ = standard.rgb.iter().collect::<std::collections::BTreeSet<_>>().len();
-        assert!(differ > 1000, "a picture worth comparing: {differ} colours");
-        assert_eq!(draw_with(&mut two, &store, &state, &view, &list, &[Lattice::WHOLE]), standard, "two threads");
-        assert_eq!(draw_with(&mut two, &store, &state, &view, &reversed, &[Lattice::WHOLE]), standard, "list reversed");
-        assert_eq!(draw_with(&mut one, &store, &state, &view, &shuffled, &[Lattice::WHOLE]), standard, "list shuffled");
-        for boards in [2, 3, 5] {
-            let weights = vec![1; boards];
-            let lattices: Vec<Lattice> =
-                (0..boards as u32).flat_map(|b| shares(BoardId(b), &weights, 1)).map(|s| s.lattice).collect();
-            assert_eq!(draw_with(&mut two, &store, &state, &view, &shuffled, &lattices), standard, "{boards} boards");
-        }
-    }
-}
-
-#[test]
-fn scene_and_eye_moved_together_give_the_same_bytes() {
-    let (mut store, mut state) = motley();
-    let view = View {
-        offset: Pose { position: DVec3::new(0.3, 0.1, 0.2), orientation: DQuat::from_rotation_y(0.2) },
-        ..view(100, 80, Samples::Sixteen)
-    };
-    // A grid on which adding 2²³ loses nothing.
-    let exact = |v: DVec3| (v * 1048576.0).round() / 1048576.0;
-    let at = |store: &mut SceneStore, by: DVec3| {
-        let moved: Vec<_> = everything(store)
-            .iter()
-            .map(|id| {
-                let mut transform = DAffine3::from_translation(exact(DVec3::new(0.1, 0.0, -f64::from(id.0) * 0.05)));
-                transform.translation += by;
-                proto::frame::Moved { object: proto::ids::ObjectId(id.0), transform }
-            })
-            .collect();
-        store.set_moved(&moved).unwrap();
-    };
-    at(&mut store, DVec3::ZERO);
-    let here = draw(&store, &state, &view);
-    let far = DVec3::new(8_388_608.0, -8_388_608.0, 8_388_608.0);
-    at(&mut store, far);
-    state.eye.position += far;
-    assert_eq!(draw(&store, &state, &view), here);
-}
-
-#[test]
-fn no_mesh_makes_a_pixel_that_is_not_a_number() {
-    let mut random = Random(0xDEAD);
-    let magnitudes = [0.0, 5e-324, 1e-40, 1e-7, 0.1, 1.0, 1e3, 1e7, 1e12, 3e38];
-    for round in 0..40 {
-        let number = |random: &mut Random| {
-            let m = magnitudes[random.below(magnitudes.len() as u64) as usize];
-            (m * random.signed()) as f32
-        };
-        let mut mesh = mesh_of(&[[DVec3::ZERO; 3]; 60], [1.0; 4]);
-        mesh.positions.iter_mut().for_each(|p| *p = std::array::from_fn(|_| number(&mut random)));
-        mesh.normals = mesh.positions.iter().map(|_| std::array::from_fn(|_| number(&mut random))).collect();
-        mesh.texcoords = vec![mesh.positions.iter().map(|_| std::array::from_fn(|_| number(&mut random))).collect()];
-        mesh.colors = mesh.positions.iter().map(|_| std::array::from_fn(|_| number(&mut random))).collect();
-        mesh.material.double_sided = true;
-        mesh.material.unlit = false;
-        mesh.material.emissive = [f32::MAX; 3];
-        mesh.material.alpha = [Alpha::Opaque, Alpha::Blend, Alpha::Mask { cutoff: 0.5 }][round % 3];
-        mesh.material.base_texture = Some(texture_use(content(100)));
-        let scale = [1.0, 1e-12, 1e12, 1e150, 0.0][round % 5];
-        let transform = DAffine3::from_scale_rotation_translation(
-            DVec3::new(scale, 1.0, -scale),
-            DQuat::from_rotation_y(random.signed()),
-            DVec3::new(0.0, 0.0, -0.1),
-        );
-        let mut store = store_of(vec![(mesh, transform)]);
-        checker(&mut store, 100, 5, [255; 4], [0; 4]);
-        let mut state = state();
-        if round % 4 == 0 {
-            state.environment.visibility_m = Some(1e6);
-        }
-        // draw() checks that every pixel is finite.
-        draw(&store, &state, &view(40, 33, ALL_SAMPLES[round % 5]));
-    }
-}
-
-#[test]
-fn crowds_of_crumbs_in_a_pixel_are_one_pixel() {
-    // 200 000 faces, each sample of the pixel hit by thousands, all within about one pixel of 64 samples.
-    let mut random = Random(1);
-    let crumbs: Vec<[DVec3; 3]> = (0..2000)
-        .map(|_| {
-            let centre =
-                DVec3::new(random.unit() * 0.16 - 0.02, random.unit() * 0.16 - 0.02, -1.0 - random.unit() * 0.01);
-            std::array::from_fn(|_| {
-                (centre + DVec3::new(random.signed(), random.signed(), 0.0) * 0.03).as_vec3().as_dvec3()
-            })
-        })
-        .collect();
-    let mut mesh = mesh_of(&crumbs, [1.0, 0.5, 0.25, 1.0]);
-    mesh.material.double_sided = true;
-    let store = store_of(vec![(mesh, DAffine3::IDENTITY); 100]);
-    let picture = draw(&store, &state(), &view(16, 16, Samples::SixtyFour));
-    assert_eq!(picture.at(8, 7), [1.0, 0.5, 0.25]);
-    assert!(picture.linear.iter().all(|c| c[0] <= 1.0), "no sample counts twice");
-}
-
-#[test]
-fn what_cannot_be_drawn_is_an_error_and_leaves_nothing() {
-    let store = at_origin(vec![wall(1.0, [1.0; 4])]);
-    let mut renderer = Renderer::new(NonZeroUsize::MIN).unwrap();
-    let mut out = TilePictures::new();
-    let small = view(8, 8, Samples::One);
-    let mut attempt = |store: &SceneStore, state: &FrameState, view: &View, id| {
-        let error = renderer.draw(store, state, view, &[SubobjectId(id)], &Lattice::WHOLE, &mut out).unwrap_err();
-        assert!(out.tiles.is_empty() && out.rgb.is_empty(), "{error}");
-        error
-    };
-    assert_eq!(attempt(&store, &state(), &View { width: 0, ..small }, 0), DrawError::View);
-    assert_eq!(
-        attempt(&store, &state(), &small, 1),
-        DrawError::UnknownSubobject { subobject: SubobjectId(1), subobjects: 1 }
-    );
-    let mut blind = state();
-    blind.eye.position.x = f64::NAN;
-    assert_eq!(attempt(&store, &blind, &small, 0), DrawError::State);
-    blind = state();
-    blind.environment.visibility_m = Some(0.0);
-    assert_eq!(attempt(&store, &blind, &small, 0), DrawError::State);
-    let mut awaiting = SceneStore::new();
-    awaiting.set_table(place(&[(content(0), DAffine3::IDENTITY)])).unwrap();
-    assert_eq!(attempt(&awaiting, &state(), &small, 0), DrawError::Missing { subobject: SubobjectId(0) });
 }

@@ -1,0 +1,86 @@
+//! A manager's selection and one renderer in this process: what `render` and `bench` draw with, the same stages that a
+//! rig runs, without a network.
+
+use crate::error::CommandError;
+use channel::pipeline::{DrawStats, Renderer, TilePictures};
+use channel::store::SceneStore;
+use glam::{DQuat, DVec3};
+use manager::host::camera::CameraPose;
+use manager::scene::{Entities, Scene};
+use manager::select::{Selection, Selector};
+use proto::frame::{FrameState, Moved};
+use proto::share::Part;
+use proto::view::{Pose, View};
+use std::num::NonZeroUsize;
+use std::time::Instant;
+
+/// See the module's head.
+pub(crate) struct InProcess<'a> {
+    scene: &'a Scene,
+    store: SceneStore,
+    renderer: Renderer,
+    selector: Selector,
+    pub selection: Selection,
+    /// Time of the last selection, ms.
+    pub select_ms: f64,
+}
+
+fn said(error: impl std::fmt::Display) -> CommandError {
+    CommandError::said(error.to_string())
+}
+
+impl<'a> InProcess<'a> {
+    /// Takes the scene's content in.
+    pub(crate) fn new(scene: &'a Scene, threads: NonZeroUsize) -> Result<Self, CommandError> {
+        let mut store = SceneStore::new();
+        for (id, texture) in &scene.textures {
+            store.insert_texture(*id, texture.as_ref().clone()).map_err(said)?;
+        }
+        for (id, mesh) in &scene.meshes {
+            store.insert_mesh(*id, mesh.as_ref().clone()).map_err(said)?;
+        }
+        store.set_table(scene.table.clone()).map_err(said)?;
+        let renderer = Renderer::new(threads).map_err(said)?;
+        let (selector, selection) = (Selector::new(), Selection::default());
+        Ok(Self { scene, store, renderer, selector, selection, select_ms: 0.0 })
+    }
+
+    /// Puts entities and versions where the pose wants them and selects for the view.
+    pub(crate) fn select(&mut self, pose: &CameraPose, state: &FrameState, view: &View) -> Result<(), CommandError> {
+        let started = Instant::now();
+        let entities = placed(self.scene, pose)?;
+        let mut moved: Vec<Moved> = Vec::new();
+        entities.moved(&mut moved);
+        self.store.set_moved(&moved).map_err(said)?;
+        let weights = self.scene.version_weights(&pose.versions).map_err(said)?;
+        self.store.set_weights(&weights).map_err(said)?;
+        let visibility = state.environment.visibility_m;
+        self.selector.select(self.scene, &entities, &weights, state.eye, view, visibility, &mut self.selection);
+        self.select_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(())
+    }
+
+    /// Draws a part of what was selected.
+    pub(crate) fn draw(
+        &mut self,
+        state: &FrameState,
+        view: &View,
+        part: &Part,
+        out: &mut TilePictures,
+    ) -> Result<DrawStats, CommandError> {
+        self.renderer.draw(&self.store, state, view, &self.selection.subobjects, part, out).map_err(said)
+    }
+}
+
+/// The scene's entities where the pose puts them.
+pub(crate) fn placed(scene: &Scene, pose: &CameraPose) -> Result<Entities, CommandError> {
+    let mut entities = Entities::new(scene);
+    for entity in &pose.entities {
+        let Some(node) = scene.node_by_name(&entity.node) else {
+            return Err(said(format!("the camera moves {:?}, but the scene has no such node", entity.node)));
+        };
+        let at = Pose::checked(DVec3::from_array(entity.position), DQuat::from_array(entity.orientation));
+        entities.set(scene, node, at.map_err(said)?);
+    }
+    Ok(entities)
+}

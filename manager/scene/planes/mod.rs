@@ -1,0 +1,426 @@
+//! Faces that lie over each other in one plane: runway markings, posters, the asphalt on the ground.
+//!
+//! Their order is that of their layers (picture.md, "Coplanar layers"), and no depth arithmetic can find it, since each
+//! face's depth comes with a rounding of its own. So such faces are given *one* plane, from which all of them take
+//! their depth. This stage finds them at import: pairs of faces that coincide and overlap ([`face`]), joined to groups, each
+//! with the plane of its largest face. Neighbours in a finely curved surface nearly coincide, and chained they would
+//! flatten it; they are never chained, because neighbours don't overlap.
+//!
+//! Faces of one mesh are compared in the mesh's space, once for all objects that show it. Faces of two objects are
+//! compared where the file puts them, if both stay there for ever (`static`), in a frame that has the world's axes and one
+//! object's origin, so that what coincides does so at any distance from the world's origin. Objects that stand alike
+//! get the same map into that frame: what is the same in their meshes is the same there, to the bit. Versions of one model
+//! are not compared: they don't hide each other.
+//!
+//! Cost: n log n for the trees, and the pairs that touch. A limit on pairs keeps heaps of faces in one place from taking
+//! for ever; what it leaves out is said.
+
+mod face;
+mod tree;
+
+use super::bounds;
+use super::database::{Object, Shape};
+use face::{Face, TOLERANCE};
+use glam::DAffine3;
+use proto::ids::{ContentId, ObjectId};
+use proto::scene::{Box3, Mesh, NO_PLANE, PlaneRow, SceneTable};
+use rayon::prelude::*;
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use tree::{BoxTree, touch};
+
+/// Most pairs of faces that one mesh, or two objects, may cost: a fraction of a second.
+const FACE_PAIRS_MAX: usize = 1 << 26;
+/// Most pairs of objects that are looked into.
+const OBJECT_PAIRS_MAX: usize = 1 << 22;
+/// Most pairs of faces lying over each other that are kept for a mesh or two objects.
+const FOUND_MAX: usize = 1 << 22;
+/// Most faces that have planes, over all objects: 64 MB of table.
+const FACES_MAX: usize = 1 << 24;
+/// Faces of a mesh that are made once and not anew for each pair: 180 MB at most.
+const FACES_AT_HAND: usize = 1 << 20;
+/// How many tolerances a face may be away from the plane of its group's largest.
+const GROUP_TOLERANCE: f64 = 4.0;
+
+/// A face of an object: subobject and triangle. In the order of the file.
+type Name = (u32, u32);
+
+/// Fills in the planes of `table`, whose objects and subobjects are those of `objects`.
+pub(super) fn find(
+    objects: &[Object],
+    shapes: &[Shape],
+    meshes: &BTreeMap<ContentId, Arc<Mesh>>,
+    table: &mut SceneTable,
+    warnings: &mut Vec<String>,
+) {
+    let searched: Vec<Searched<'_>> = shapes.par_iter().map(|shape| Searched::new(shape, meshes)).collect();
+    let mut search = Search { objects, shapes: searched, table, links: Vec::new(), cut_short: false };
+    search.within_objects();
+    search.between_objects();
+    let links = std::mem::take(&mut search.links);
+    let cut_short = search.cut_short;
+    let found = search.planes(groups(links));
+    if found.strays > 0 {
+        warnings.push(format!(
+            "{} faces lie close to a plane that others share, but not in it; they keep their own depth",
+            found.strays
+        ));
+    }
+    if cut_short || found.full {
+        warnings.push("more faces lie over each other in one plane than are looked for; some may flicker".into());
+    }
+    enter(found.planes, meshes, table);
+}
+
+/// A shape and what is found in it alone.
+struct Searched<'a> {
+    /// By piece.
+    meshes: Vec<&'a Mesh>,
+    /// By face: piece and triangle.
+    faces: Vec<(u32, u32)>,
+    /// Over `faces`.
+    tree: BoxTree,
+    /// Faces that must share a plane, linked by pairs; pieces and triangles.
+    links: Vec<(Name, Name)>,
+    cut_short: bool,
+}
+
+impl<'a> Searched<'a> {
+    fn new(shape: &Shape, meshes: &'a BTreeMap<ContentId, Arc<Mesh>>) -> Self {
+        let meshes: Vec<&Mesh> =
+            shape.pieces.iter().filter_map(|piece| meshes.get(&piece.mesh)).map(Arc::as_ref).collect();
+        let mut all = Vec::new();
+        let mut boxes = Vec::new();
+        let mut faces = Vec::new();
+        for (piece, mesh) in meshes.iter().enumerate() {
+            for triangle in 0..mesh.triangles.len() {
+                if let Some(face) = load(mesh, triangle) {
+                    all.push((piece as u32, triangle as u32));
+                    boxes.push(face.bounds);
+                    if faces.len() < FACES_AT_HAND {
+                        faces.push(face);
+                    }
+                }
+            }
+        }
+        let items = (0..all.len() as u32).collect();
+        let tree = BoxTree::build(&boxes, items);
+        drop(boxes);
+        let mut searched = Self { meshes, faces: all, tree, links: Vec::new(), cut_short: false };
+        searched.search(&faces);
+        searched
+    }
+
+    fn face(&self, item: u32) -> Option<Face> {
+        let (piece, triangle) = self.faces[item as usize];
+        load(self.meshes[piece as usize], triangle as usize)
+    }
+
+    /// Finds the links; `at_hand` are the first of the faces.
+    fn search(&mut self, at_hand: &[Face]) {
+        let mut links = Vec::new();
+        let mut pairs = 0;
+        let (mut left, mut right) = (Vec::new(), Vec::new());
+        let mut cut_short = false;
+        self.tree.touching(|a, b, same| {
+            let fill = |into: &mut Vec<(u32, Face)>, items: &[u32]| {
+                into.clear();
+                into.extend(items.iter().filter_map(|&item| {
+                    let face = at_hand.get(item as usize).copied().or_else(|| self.face(item));
+                    Some((item, face?))
+                }));
+            };
+            fill(&mut left, a);
+            fill(&mut right, b);
+            for (i, (x, face)) in left.iter().enumerate() {
+                for (y, other) in &right[if same { i + 1 } else { 0 }..] {
+                    if touch(&face.bounds, &other.bounds) && face.lies_over(other) {
+                        links.push((self.faces[*x as usize], self.faces[*y as usize]));
+                    }
+                }
+            }
+            pairs += a.len() * b.len();
+            cut_short = pairs > FACE_PAIRS_MAX || links.len() > FOUND_MAX;
+            !cut_short
+        });
+        self.cut_short = cut_short;
+        // A chain links as well as all pairs do, and is what each object that shows the shape has to copy.
+        let chain = |group: Vec<Name>| group.windows(2).map(|pair| (pair[0], pair[1])).collect::<Vec<_>>();
+        self.links = groups(links).into_iter().flat_map(chain).collect();
+    }
+}
+
+fn load(mesh: &Mesh, triangle: usize) -> Option<Face> {
+    Face::new(mesh.triangles[triangle].map(|vertex| mesh.position(vertex as usize)), mesh.material.double_sided)
+}
+
+/// What is connected by links, each group in ascending order, the groups by their first.
+fn groups(links: Vec<(Name, Name)>) -> Vec<Vec<Name>> {
+    let mut names: Vec<Name> = links.iter().flat_map(|&(a, b)| [a, b]).collect();
+    names.sort_unstable();
+    names.dedup();
+    let index = |name: Name| names.partition_point(|&other| other < name);
+    let mut above: Vec<usize> = (0..names.len()).collect();
+    fn top(above: &mut [usize], mut at: usize) -> usize {
+        while above[at] != at {
+            above[at] = above[above[at]];
+            at = above[at];
+        }
+        at
+    }
+    for (a, b) in links {
+        let (a, b) = (top(&mut above, index(a)), top(&mut above, index(b)));
+        // The first of a group stays on top, so the order of links doesn't matter.
+        above[a.max(b)] = a.min(b);
+    }
+    let mut groups: BTreeMap<usize, Vec<Name>> = BTreeMap::new();
+    for (at, &name) in names.iter().enumerate() {
+        groups.entry(top(&mut above, at)).or_default().push(name);
+    }
+    groups.into_values().collect()
+}
+
+struct Search<'a> {
+    objects: &'a [Object],
+    shapes: Vec<Searched<'a>>,
+    table: &'a SceneTable,
+    links: Vec<(Name, Name)>,
+    cut_short: bool,
+}
+
+/// A plane and the faces in it.
+struct Plane {
+    row: PlaneRow,
+    faces: Vec<Name>,
+}
+
+#[derive(Default)]
+struct Found {
+    planes: Vec<Plane>,
+    /// Faces that were connected with a group, but too far away from its plane.
+    strays: usize,
+    /// Whether there were more than [`FACES_MAX`].
+    full: bool,
+}
+
+impl Search<'_> {
+    fn shape(&self, object: usize) -> &Searched<'_> {
+        &self.shapes[self.objects[object].shape.0 as usize]
+    }
+
+    fn within_objects(&mut self) {
+        for object in self.objects {
+            let shape = &self.shapes[object.shape.0 as usize];
+            self.cut_short |= shape.cut_short;
+            if self.links.len() + shape.links.len() > FACES_MAX {
+                self.cut_short = true;
+                return;
+            }
+            let first = object.first_subobject.0;
+            let name = |(piece, triangle): Name| (first + piece, triangle);
+            self.links.extend(shape.links.iter().map(|&(a, b)| (name(a), name(b))));
+        }
+    }
+
+    fn between_objects(&mut self) {
+        let boxes: Vec<Box3> = (0..self.objects.len()).map(|object| self.world_box(object)).collect();
+        let fixed = |&object: &u32| {
+            let object = object as usize;
+            self.objects[object].traits.is_static && !self.shape(object).faces.is_empty()
+        };
+        let tree = BoxTree::build(&boxes, (0..boxes.len() as u32).filter(fixed).collect());
+        let mut pairs: Vec<(u32, u32)> = Vec::new();
+        tree.touching(|a, b, same| {
+            for (i, &x) in a.iter().enumerate() {
+                let others = &b[if same { i + 1 } else { 0 }..];
+                let near = others.iter().filter(|&&y| touch(&boxes[x as usize], &boxes[y as usize]));
+                pairs.extend(near.map(|&y| (x.min(y), x.max(y))));
+            }
+            pairs.len() < OBJECT_PAIRS_MAX
+        });
+        pairs.sort_unstable();
+        let mut cut_short = pairs.len() >= OBJECT_PAIRS_MAX;
+        let found: Vec<(Vec<(Name, Name)>, bool)> =
+            pairs.par_iter().map(|&(a, b)| self.between(a as usize, b as usize)).collect();
+        let mut links = Vec::new();
+        for (more, limited) in found {
+            cut_short |= limited || links.len() + more.len() > FACES_MAX;
+            if links.len() + more.len() <= FACES_MAX {
+                links.extend(more);
+            }
+        }
+        self.cut_short |= cut_short;
+        self.links.extend(links);
+    }
+
+    /// Round an object and the tolerance of its faces, world.
+    fn world_box(&self, object: usize) -> Box3 {
+        let map = self.table.objects[object].transform;
+        let bounds = self.shape(object).tree.bounds();
+        bounds.map_or(Box3 { min: glam::DVec3::ZERO, max: glam::DVec3::ZERO }, |bounds| {
+            let moved = bounds::box_moved(&map, bounds);
+            let rounding = moved.min.abs().max(moved.max.abs()).max_element() * 1e-14;
+            Box3 { min: moved.min - rounding, max: moved.max + rounding }
+        })
+    }
+
+    /// Faces of one object that must share a plane with faces of another; and whether there was too much to do.
+    fn between(&self, a: usize, b: usize) -> (Vec<(Name, Name)>, bool) {
+        // The many are asked by the few.
+        let (many, few) = if self.shape(a).faces.len() >= self.shape(b).faces.len() { (a, b) } else { (b, a) };
+        let (many_shape, few_shape) = (self.shape(many), self.shape(few));
+        let frame = Frame::of(self.table, many);
+        let (Some(around), Some(back)) = (many_shape.tree.bounds(), frame.back()) else { return (Vec::new(), false) };
+        let here = frame.place(self.table, few);
+        let there = frame.place(self.table, many);
+        let to_many = back * here.0;
+        // What rounding on the way to the many's mesh space may amount to.
+        let slack = around.min.abs().max(around.max.abs()).max_element() * 1e-12;
+        let mut links = Vec::new();
+        let pairs = Cell::new(0);
+        let in_many = |bounds: Box3| {
+            let moved = bounds::box_moved(&to_many, bounds);
+            Box3 { min: moved.min - slack, max: moved.max + slack }
+        };
+        let name = |object: usize, (piece, triangle): Name| (self.objects[object].first_subobject.0 + piece, triangle);
+        few_shape.tree.leaves(
+            |bounds| pairs.get() <= FACE_PAIRS_MAX && touch(&in_many(*bounds), &around),
+            |items| {
+                for &item in items {
+                    let Some(own) = few_shape.face(item) else { continue };
+                    let near = in_many(own.bounds);
+                    let face = own.moved(&here.0, here.1);
+                    many_shape.tree.leaves(
+                        |bounds| touch(bounds, &near),
+                        |others| {
+                            pairs.set(pairs.get() + others.len());
+                            for &other in others {
+                                let Some(theirs) = many_shape.face(other).filter(|face| touch(&face.bounds, &near))
+                                else {
+                                    continue;
+                                };
+                                let x = name(few, few_shape.faces[item as usize]);
+                                let y = name(many, many_shape.faces[other as usize]);
+                                if face.lies_over(&theirs.moved(&there.0, there.1)) && self.may_meet(x, y) {
+                                    links.push((x, y));
+                                }
+                            }
+                        },
+                    );
+                }
+            },
+        );
+        (links, pairs.get() > FACE_PAIRS_MAX)
+    }
+
+    /// Whether two faces are ever compared: not if they are of two versions of one model.
+    fn may_meet(&self, a: Name, b: Name) -> bool {
+        let part = |name: Name| self.table.subobjects[name.0 as usize].part_of;
+        match (part(a), part(b)) {
+            (Some(a), Some(b)) => a.model != b.model || a.version == b.version,
+            _ => true,
+        }
+    }
+
+    fn load(&self, name: Name) -> Option<Face> {
+        let object = self.table.subobjects[name.0 as usize].object.0 as usize;
+        let piece = name.0 - self.objects[object].first_subobject.0;
+        load(self.shape(object).meshes[piece as usize], name.1 as usize)
+    }
+
+    /// The plane of each group: that of its largest face, for all that lie in it.
+    fn planes(&self, groups: Vec<Vec<Name>>) -> Found {
+        let mut found = Found::default();
+        let mut total = 0;
+        for group in groups {
+            let object = |name: Name| self.table.subobjects[name.0 as usize].object.0 as usize;
+            let frame = Frame::of(self.table, object(group[0]));
+            let place = |name: Name| {
+                let (map, stretch) = frame.place(self.table, object(name));
+                self.load(name).map(|face| face.moved(&map, stretch))
+            };
+            let mut largest: Option<(f64, Name)> = None;
+            for &name in &group {
+                let area = place(name).map_or(0.0, |face| face.length);
+                if largest.is_none_or(|(most, _)| area > most) {
+                    largest = Some((area, name));
+                }
+            }
+            let Some((_, leader)) = largest else { continue };
+            let (Some(own), frame) = (self.load(leader), Frame::of(self.table, object(leader))) else { continue };
+            let lead_place = frame.place(self.table, object(leader));
+            let lead = own.moved(&lead_place.0, lead_place.1);
+            let before = group.len();
+            let mut faces = group;
+            faces.retain(|&name| {
+                let (map, stretch) = frame.place(self.table, object(name));
+                self.load(name).is_some_and(|face| {
+                    let face = face.moved(&map, stretch);
+                    lead.in_plane(&face.corners, GROUP_TOLERANCE * lead.tolerance.max(face.tolerance))
+                })
+            });
+            found.strays += before - faces.len();
+            if faces.len() < 2 {
+                continue;
+            }
+            total += faces.len();
+            if total > FACES_MAX {
+                found.full = true;
+                break;
+            }
+            let normal = own.normal / own.length;
+            let centre = own.corners.iter().sum::<glam::DVec3>() / 3.0;
+            let row = PlaneRow { object: ObjectId(object(leader) as u32), normal, offset: normal.dot(centre) };
+            found.planes.push(Plane { row, faces });
+        }
+        found
+    }
+}
+
+/// Where faces of several objects are compared: the world's axes about one object's origin.
+struct Frame {
+    object: DAffine3,
+}
+
+impl Frame {
+    fn of(table: &SceneTable, object: usize) -> Self {
+        Self { object: table.objects[object].transform }
+    }
+
+    /// Mesh space of `object` → the frame, and how much that stretches.
+    fn place(&self, table: &SceneTable, object: usize) -> (DAffine3, f64) {
+        let map = table.objects[object].transform;
+        let map = DAffine3 { matrix3: map.matrix3, translation: map.translation - self.object.translation };
+        (map, bounds::stretch(&map))
+    }
+
+    /// The frame → mesh space of its object, if there is a way back.
+    fn back(&self) -> Option<DAffine3> {
+        let inverse = DAffine3::from_mat3(self.object.matrix3).inverse();
+        inverse.is_finite().then_some(inverse)
+    }
+}
+
+/// Writes planes and their faces into the table.
+fn enter(planes: Vec<Plane>, meshes: &BTreeMap<ContentId, Arc<Mesh>>, table: &mut SceneTable) {
+    for plane in planes {
+        let number = table.planes.len() as u32;
+        table.planes.push(plane.row);
+        for (subobject, triangle) in plane.faces {
+            let row = &mut table.subobjects[subobject as usize];
+            let count = meshes.get(&row.mesh).map_or(0, |mesh| mesh.triangles.len());
+            let start = *row.planes.get_or_insert_with(|| {
+                let start = table.face_planes.len();
+                table.face_planes.resize(start + count, NO_PLANE);
+                start as u32
+            });
+            table.face_planes[start as usize + triangle as usize] = number;
+        }
+    }
+}
+
+const _: () = assert!(TOLERANCE * GROUP_TOLERANCE < 1e-5, "a plane must not visibly bend what lies in it");
+
+#[cfg(test)]
+mod tests;

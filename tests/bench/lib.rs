@@ -1,0 +1,100 @@
+//! What benchmarks print: spreads of times, rows, figures with their targets, and charts of error against time.
+//!
+//! A report names the machine and the commit, so that a kept result can be traced. Times never decide anything here: a
+//! figure that misses its target is printed as missed.
+#![forbid(unsafe_code)]
+
+pub mod chart;
+
+use serde::Serialize;
+use std::process::Command;
+
+/// Smallest, middle and largest of some values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Smallest.
+    pub min: f64,
+    /// Median; of an even number of values the lower of the middle two.
+    pub median: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Of these values.
+    ///
+    /// # Panics
+    /// If there are none.
+    pub fn of(values: &[f64]) -> Self {
+        assert!(!values.is_empty(), "a spread of nothing");
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Self { min: sorted[0], median: sorted[(sorted.len() - 1) / 2], max: sorted[sorted.len() - 1] }
+    }
+}
+
+/// One of proof.md's figures.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// Its name there.
+    pub figure: &'static str,
+    /// What was measured; `None` when it couldn't be.
+    pub value: Option<f64>,
+    /// Of the value.
+    pub unit: &'static str,
+    /// What is aimed at, in words.
+    pub target: &'static str,
+    /// Whether the target is met; `None` without a value.
+    pub met: Option<bool>,
+    /// Why there is no value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<&'static str>,
+}
+
+/// What `bench … --json` prints.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report<R> {
+    /// Which benchmark.
+    pub bench: &'static str,
+    /// Of the working tree, or `unknown`.
+    pub commit: String,
+    /// Processor and number of cores.
+    pub machine: String,
+    /// The measurements.
+    pub rows: Vec<R>,
+    /// The figures that follow from them.
+    pub figures: Vec<Figure>,
+}
+
+impl<R> Report<R> {
+    /// A report of this machine and commit.
+    pub fn new(bench: &'static str, rows: Vec<R>, figures: Vec<Figure>) -> Self {
+        Self { bench, commit: commit(), machine: machine(), rows, figures }
+    }
+}
+
+/// The commit of the working tree, if git knows.
+fn commit() -> String {
+    let output = Command::new("git").args(["rev-parse", "--short", "HEAD"]).output();
+    let text = output.ok().filter(|output| output.status.success()).map(|output| output.stdout);
+    text.map_or_else(|| "unknown".into(), |text| String::from_utf8_lossy(&text).trim().to_owned())
+}
+
+/// What this machine is.
+fn machine() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")).and_then(|line| line.split(':').nth(1));
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get);
+    format!("{}, {cores} cores, {}", model.unwrap_or(" unknown processor").trim(), std::env::consts::OS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spread_is_sorted() {
+        assert_eq!(Spread::of(&[3.0, 1.0, 2.0]), Spread { min: 1.0, median: 2.0, max: 3.0 });
+        assert_eq!(Spread::of(&[4.0, 1.0]).median, 1.0);
+    }
+}
