@@ -104,20 +104,3 @@ fn the_same_file_gives_the_same_scene() {
     assert_eq!(one.table, other.table);
     assert!(one.meshes.keys().eq(other.meshes.keys()));
 }
-
-#[test]
-fn zz_tmp_planes() {
-    for file in ["CesiumMilkTruck.glb","a4-skyhawk/a4-skyhawk.glb","house.glb","odyssey-controller-left.glb","LightsPunctualLamp/LightsPunctualLamp.gltf","SimpleInstancing.glb"] {
-        let t = std::time::Instant::now();
-        let Some(scene) = get(file) else { return };
-        let n = scene.table.face_planes.iter().filter(|&&p| p != proto::scene::NO_PLANE).count();
-        println!("ZZ {file} {:?} planes {} faces {n} lights {} {:?}", t.elapsed(), scene.table.planes.len(), scene.table.lights.len(), scene.warnings);
-    }
-    let b = crate::scene::builtin::build("airport").unwrap();
-    let t = std::time::Instant::now();
-    let scene = crate::scene::import::load_glb(&b.glb, "airport").unwrap();
-    println!("ZZ airport {:?} planes {} {:?}", t.elapsed(), scene.table.planes.len(), scene.warnings);
-    let mut names: std::collections::BTreeMap<String, usize> = Default::default();
-    for row in &scene.table.subobjects { if row.planes.is_some() { *names.entry(scene.node(scene.object(row.object).node).name.clone()).or_default() += 1; } }
-    println!("ZZ {names:?}");
-}
