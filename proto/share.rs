@@ -112,7 +112,7 @@ pub struct Share {
 }
 
 /// Each board's stretch of a line of `views` views, in units of 1/W of a view, W the sum of weights: a view has W units,
-/// board i has V·w_i of them, one board after the other.
+/// board i has `V·w_i` of them, one board after the other.
 fn stretches(weights: &[u32], views: u32) -> impl Iterator<Item = Range<u64>> + '_ {
     assert!(weights.iter().all(|w| *w > 0), "a board without weight is not in the row");
     weights.iter().scan(0, move |start, weight| {

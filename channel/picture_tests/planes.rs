@@ -218,6 +218,44 @@ fn what_stands_on_a_plane_hides_it_and_is_hidden_by_it() {
 }
 
 #[test]
+fn layers_that_pass_under_the_eye_are_cut_at_the_near_plane_and_keep_their_order() {
+    // Half-widths of nested rectangles from 50 m behind to 400 m ahead, the upper ones narrower; their strips are all others.
+    let half = |k: usize| 8.0 - k as f64;
+    let ends = |k: usize| [400.0 - 30.0 * k as f64, -50.0 + 3.0 * k as f64];
+    let parts: Vec<_> = [5, 0, 3, 6, 1, 4, 2]
+        .map(|k| (patch([-half(k), half(k)], [-ends(k)[0], -ends(k)[1]], 1 + 2 * k as u32, colour(k)), k as i32))
+        .into();
+    let store = store_of_ground(&parts);
+    let mut random = Random(0x0CA2);
+    let mut compared = 0;
+    for round in 0..20 {
+        let mut state = state();
+        state.eye.position = DVec3::new(random.signed() * 3.0, 0.2 + random.unit() * 3.0, 0.0);
+        state.eye.orientation = DQuat::from_rotation_x(-0.5 * random.unit()) * DQuat::from_rotation_z(random.signed());
+        let view = view(64, 48, Samples::One);
+        let picture = draw(&store, &state, &view);
+        let camera = Camera::new(&state, &view);
+        for (i, drawn) in picture.linear.iter().enumerate() {
+            let [x, y] = [i % 64, i / 64].map(|c| c as i32 * 256 + 128);
+            let ray = camera.ray_world(camera.ray(x, y));
+            let hit = state.eye.position + ray * (-state.eye.position.y / ray.y);
+            // Half a sub-pixel on the ground grows with the square of the distance.
+            let margin = 1e-3 + hit.distance_squared(state.eye.position) * 1e-4 / state.eye.position.y;
+            let inside = |k: &usize, by: f64| {
+                hit.x.abs() < half(*k) + by && -hit.z < ends(*k)[0] + by && -hit.z > ends(*k)[1] - by
+            };
+            let [least, most] = [-margin, margin].map(|by| (0..7).rev().find(|k| inside(k, by)));
+            if ray.y < -1e-3 && least == most {
+                let expected = least.map_or([0.0; 3], |k| [0, 1, 2].map(|c| colour(k)[c]));
+                assert_eq!(*drawn, expected, "round {round}, pixel {i}: {hit}");
+                compared += usize::from(least.is_some());
+            }
+        }
+    }
+    assert!(compared > 5000, "{compared} pixels were compared");
+}
+
+#[test]
 fn planes_and_parts_that_the_table_lacks_are_refused_and_faces_without_one_are_ordinary() {
     use crate::store::StoreError;
     let mesh = wall(2.0, [1.0; 4]);

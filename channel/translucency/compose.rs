@@ -32,6 +32,8 @@ pub struct Layers {
     layers: Vec<Layer>,
     of_sample: Vec<(f64, u64, usize)>,
     mix: Mix,
+    /// Masks of samples that see the same layers.
+    kinds: Vec<u64>,
 }
 
 /// Light gathered so far on the way outward, and what still comes through.
@@ -91,7 +93,7 @@ impl Layers {
             let q_centre = t.plane.at(x + 128, y + 128);
             Layer { triangle: f.triangle, mask: f.mask, q_centre, order: t.order, shaded: None }
         }));
-        // Nearest first; equally near: the later in the file first. The order of the list has no say.
+        // Nearest first; equally near: the larger order first. The order of the list has no say.
         self.layers.sort_unstable_by(|a, b| b.q_centre.total_cmp(&a.q_centre).then(b.order.cmp(&a.order)));
         let is_front = |a: &Layer, b: &Layer, mask: u64| {
             mask == 0 || in_front(pattern, triangle(a.triangle), triangle(b.triangle), x, y, mask) == mask
@@ -165,7 +167,7 @@ impl Layers {
             let item = &shader.items[shader.triangles[layer.triangle as usize].item as usize];
             let part = item.part.as_ref();
             let is_translucent = item.is_translucent();
-            if part.is_some_and(|part| mix.is_merged_away(part, is_translucent)) {
+            if part.is_some_and(|part| mix.is_lost(part, is_translucent)) {
                 return;
             }
             let colour = *layer.shaded.get_or_insert_with(|| {
@@ -176,32 +178,49 @@ impl Layers {
             });
             mix.add(part, is_translucent, colour);
         };
-        if one_order && self.layers.iter().all(|l| l.mask == pattern.full) {
+        if !one_order {
+            for (i, sample) in samples[..pattern.count].iter_mut().enumerate() {
+                sort_sample(&mut self.of_sample, &self.layers, shader, [x, y], i);
+                self.mix.clear();
+                for (_, _, k) in &self.of_sample {
+                    step(&mut self.mix, &mut self.layers[*k]);
+                    if self.mix.transmitted() == 0.0 {
+                        break;
+                    }
+                }
+                *sample = self.mix.through();
+            }
+            return Composed::PerSample;
+        }
+        // Samples that see the same layers see the same light: one computation for each kind of sample.
+        self.kinds.clear();
+        self.kinds.push(pattern.full);
+        for layer in &self.layers {
+            for k in 0..self.kinds.len() {
+                let (with, without) = (self.kinds[k] & layer.mask, self.kinds[k] & !layer.mask);
+                if with != 0 && without != 0 {
+                    self.kinds[k] = with;
+                    self.kinds.push(without);
+                }
+            }
+        }
+        for kind in &self.kinds {
             self.mix.clear();
-            for layer in &mut self.layers {
+            for layer in self.layers.iter_mut().filter(|layer| layer.mask & kind != 0) {
                 step(&mut self.mix, layer);
                 if self.mix.transmitted() == 0.0 {
                     break;
                 }
             }
-            return Composed::Uniform(self.mix.through());
-        }
-        for (i, sample) in samples[..pattern.count].iter_mut().enumerate() {
-            self.of_sample.clear();
-            if one_order {
-                let there = self.layers.iter().enumerate().filter(|(_, l)| l.mask >> i & 1 != 0);
-                self.of_sample.extend(there.map(|(k, l)| (l.q_centre, l.order, k)));
-            } else {
-                sort_sample(&mut self.of_sample, &self.layers, shader, [x, y], i);
+            let through = self.mix.through();
+            if *kind == pattern.full {
+                return Composed::Uniform(through);
             }
-            self.mix.clear();
-            for (_, _, k) in &self.of_sample {
-                step(&mut self.mix, &mut self.layers[*k]);
-                if self.mix.transmitted() == 0.0 {
-                    break;
-                }
+            let mut rest = *kind;
+            while rest != 0 {
+                samples[rest.trailing_zeros() as usize] = through;
+                rest &= rest - 1;
             }
-            *sample = self.mix.through();
         }
         Composed::PerSample
     }

@@ -2,9 +2,10 @@
 //!
 //! Nothing is approximated and nothing is lost: a pixel keeps as many fragments as there are, each with the samples it is
 //! seen at. Going outward from the eye, a fragment contributes its colour times its saturation times what the fragments
-//! nearer than it let through; the background gets the rest ("over", picture.md). The order is by depth
-//! at each sample, and where two are equally near the later in the file is in front, as for opaque faces; the order of the list
-//! never matters.
+//! nearer than it let through; the background gets the rest ("over", picture.md). A model in
+//! transition gives all of its faces, opaque ones as well, weighted by their versions. The order is by depth at each sample,
+//! and where two are equally near the one of the larger (layer, primitive, face number) is in front, as for opaque faces;
+//! the order of the list never matters.
 //!
 //! - [`gather`]: triangles → fragments per pixel.
 //! - [`models`]: layers that are merged, and versions that are mixed.

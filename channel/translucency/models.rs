@@ -60,11 +60,13 @@ impl Mix {
         self.open.clear();
     }
 
-    /// Whether a fragment of that part doesn't exist because a nearer one of its merged version does.
-    pub fn is_merged_away(&self, part: &Member<'_>, is_translucent: bool) -> bool {
-        part.merged
-            && is_translucent
-            && self.open.iter().any(|open| open.model == part.model && open.met >> part.version & 1 != 0)
+    /// Whether a fragment of that part adds nothing and changes nothing, so that its colour needn't be known: its version lets no light
+    /// through any more, or a nearer one of its merged version was met.
+    pub fn is_lost(&self, part: &Member<'_>, is_translucent: bool) -> bool {
+        self.open.iter().find(|open| open.model == part.model).is_some_and(|open| {
+            let is_merged_away = part.merged && is_translucent && open.met >> part.version & 1 != 0;
+            is_merged_away || open.through[part.version] == 0.0
+        })
     }
 
     /// The next fragment outward: its colour and saturation, and what it belongs to.

@@ -2,8 +2,8 @@
 //!
 //! Positions are made relative to the eye before anything is rotated, so that large coordinates cost no accuracy.
 //!
-//! Choices: a view that is displaced from the eyepoint sees from its own place, which is therefore "the eye" of distances
-//! and rays.
+//! Choices: a view that is displaced from the eyepoint sees from its own place, which is therefore "the eye" of
+//! distances and rays.
 
 use glam::{DAffine3, DMat3, DVec3};
 use proto::frame::FrameState;

@@ -1,8 +1,8 @@
 //! How far a picture is from the reference: proof.md's measures.
 //!
-//! Errors in 1/255 are of the sRGB-encoded value, the reference's not rounded to 8 bits (so that a perfect 8-bit picture
-//! has errors up to 0.5); errors in full scale are of linear light. Root mean squares are over the three channels;
-//! a pixel's error, for percentiles and maxima, is its worst channel's.
+//! Errors in 1/255 are of the sRGB-encoded value, the reference's not rounded to 8 bits (so that a perfect 8-bit
+//! picture has errors up to 0.5); errors in full scale are of linear light. Root mean squares are over the three
+//! channels; a pixel's error, for percentiles and maxima, is its worst channel's.
 
 use crate::picture::{Picture, decode, encode};
 use image::{ImageEncoder, ImageError};
@@ -60,6 +60,8 @@ pub struct Report {
     pub all: Errors,
     /// Edge pixels.
     pub edges: Errors,
+    /// Edge pixels that see no texture: what sampling alone is worth.
+    pub untextured_edges: Errors,
     /// The rest.
     pub interior: Errors,
     /// Interior pixels that see no texture.
@@ -85,6 +87,7 @@ pub fn compare(shown: Shown<'_>, reference: &Picture) -> Report {
     Report {
         all: over(&|_| true),
         edges: over(&is_edge),
+        untextured_edges: over(&|i| is_edge(i) && !is_textured(i)),
         interior: over(&|i| !is_edge(i)),
         untextured: over(&|i| !is_edge(i) && !is_textured(i)),
         magnified: over(&|i| !is_edge(i) && is_textured(i) && !is_reduced(i)),
@@ -147,13 +150,14 @@ impl fmt::Display for Report {
         let lines = [
             ("all", self.all),
             ("edges", self.edges),
+            ("untextured edges", self.untextured_edges),
             ("interior", self.interior),
             ("untextured", self.untextured),
             ("magnified", self.magnified),
             ("minified", self.minified),
         ];
         for (name, errors) in lines.iter().filter(|(_, errors)| errors.pixels > 0) {
-            writeln!(f, "{name:>10}: {errors}")?;
+            writeln!(f, "{name:>16}: {errors}")?;
         }
         if self.sampled_instead > 0 {
             writeln!(f, "{} pixels were sampled where they should have been integrated", self.sampled_instead)?;

@@ -1,13 +1,13 @@
 //! Which points a triangle on the screen hits: point in polygon, with the top-left rule.
 //!
 //! A point is inside if it lies on the inner side of all three edges. On an edge it belongs to the triangle only if
-//! the edge is a left one, or a horizontal one with the inside below (top), so that of two triangles that share an edge exactly one
-//! has it. The sign of a point's side is computed with the edge's ends in one order, whichever triangle asks; both
-//! triangles then see the same number with opposite signs, and rounding can open no gap. On a grid of 1/256 pixel
-//! every product and sum is exact in f64 up to coordinates of 2¹⁷ pixels (2·(17 + 8 + 1) bits).
+//! the edge is a left one, or a horizontal one with the inside below (top), so that of two triangles that share an
+//! edge exactly one has it. The sign of a point's side is computed with the edge's ends in one order, whichever
+//! triangle asks; both triangles then see the same number with opposite signs, and rounding can open no gap. On a
+//! grid of 1/256 pixel every product and sum is exact in f64 up to coordinates of 2¹⁷ pixels (2·(17 + 8 + 1) bits).
 
-/// Twice the signed area of a, b, c: positive if they run clockwise as seen, y being downwards. Exactly opposite for the
-/// same three points with a and b exchanged.
+/// Twice the signed area of a, b, c: positive if they run clockwise as seen, y being downwards. Exactly opposite for
+/// the same three points with a and b exchanged.
 pub fn side(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     let ordered = |a: [f64; 2], b: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     if (a[0], a[1]) <= (b[0], b[1]) { ordered(a, b) } else { -ordered(b, a) }

@@ -1,20 +1,20 @@
 //! The integral: a pixel's true colour, area times colour, for scenes without textures.
 //!
 //! The pixel's square is cut into convex regions until in each of them the same faces, in the same order, are seen
-//! everywhere: by the edges of faces that cross a region, nearest face first; then, where two faces that cover a region
-//! change places within it, by the line where their depths are equal (1/−Z is affine over the screen, so it is a straight one). What
-//! lies wholly behind an opaque face that covers the region is dropped before it can cut. Then the region's stack is
-//! composed, and its colour counts with its area. Cyclic overlap needs no care, for nothing is sorted but what covers a
-//! region.
+//! everywhere: by the edges of faces that cross a region, nearest face first; then, where two faces that cover a
+//! region change places within it, by the line where their depths are equal (1/−Z is affine over the screen, so it is
+//! a straight one). What lies wholly behind an opaque face that covers the region is dropped before it can cut. Then
+//! the region's stack is composed, and its colour counts with its area. Cyclic overlap needs no care, for nothing is
+//! sorted but what covers a region.
 //!
-//! A face's colour is one per pixel as in `sampling`, the limit of infinitely many points: at the centre if the face covers it,
-//! else at the point of its part of the pixel nearest to the centre. The sky is taken at each region's centroid, the pixel being
-//! cut along the horizon, where its gradient has a kink.
+//! A face's colour is one per pixel as in `sampling`, the limit of infinitely many points: at the centre if the face
+//! covers it, else at the point of its part of the pixel nearest to the centre. The sky is taken at each region's
+//! centroid, the pixel being cut along the horizon, where its gradient has a kink.
 //!
 //! Exact to rounding (about 1e-12 of a pixel's area per cut), except: the range of visibility and a cut-off of alpha
-//! (vertex colours) are asked once per region; the sky's colour isn't quite linear within a pixel (below 1e-6 for ordinary
-//! fields of view). Textured faces are refused. A pixel that would need more than [`REGIONS_MAX`] regions is sampled at
-//! [`SAMPLES_INSTEAD`] points, and counted.
+//! (vertex colours) are asked once per region; the sky's colour isn't quite linear within a pixel (below 1e-6 for
+//! ordinary fields of view). Textured faces are refused. A pixel that would need more than [`REGIONS_MAX`] regions is
+//! sampled at [`SAMPLES_INSTEAD`] points, and counted.
 
 use crate::coverage::side;
 use crate::picture::{Kind, Picture};

@@ -2,22 +2,22 @@
 //!
 //! Checks compare the pipeline's pictures with the ones made here. This crate follows one page, picture.md of the
 //! design book, and shares no code with `channel/`, only the scene types of `proto`; where the page leaves a choice,
-//! the file that makes it says so under "Choices". It values being obviously right over being fast: every point of every
-//! pixel is asked of every face whose extent reaches the pixel, all fragments are kept and sorted, and nothing is approximated
-//! but a texture's average.
+//! the file that makes it says so under "Choices". It values being obviously right over being fast: every point of
+//! every pixel is asked of every face whose extent reaches the pixel, all fragments are kept and sorted, and nothing
+//! is approximated but a texture's average.
 //!
 //! Two ways to a pixel:
 //!
 //! * [`sample()`] looks at given points of each pixel, with vertices either true ([`Vertices::Exact`]) or rounded to
 //!   the pipeline's grid ([`Vertices::Rounded`]); with the pipeline's points and grid its coverage is the pipeline's to
 //!   the bit. [`points::spread`] makes any number of points, 1024 of them being "the truth" for textured scenes.
-//! * [`integrate()`] computes the box filter itself for scenes without textures: the pixel is cut into polygons in which
-//!   the stack of faces is constant, and their colours are added up by area.
+//! * [`integrate()`] computes the box filter itself for scenes without textures: the pixel is cut into polygons in
+//!   which the stack of faces is constant, and their colours are added up by area.
 //!
-//! In the order of the data's way: [`world`] what is drawn; [`camera`] and [`screen`] where it lands; [`coverage`] which
-//! points a face hits; [`plane`] which faces lie in one plane; [`texture`] and [`shade`] what colour it has there;
-//! [`translucency`] how fragments add up; [`sampling`] and [`integral`] the two renderers; [`mod@compare`] how far another
-//! picture is from ours.
+//! In the order of the data's way: [`world`] what is drawn; [`camera`] and [`screen`] where it lands; [`coverage`]
+//! which points a face hits; [`plane`] which faces lie in one plane; [`texture`] and [`shade`] what colour it has
+//! there; [`translucency`] how fragments add up; [`sampling`] and [`integral`] the two renderers; [`mod@compare`] how
+//! far another picture is from ours.
 #![forbid(unsafe_code)]
 
 pub mod camera;

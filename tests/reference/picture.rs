@@ -3,7 +3,8 @@
 /// What is seen in a pixel, for statistics.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Kind {
-    /// More than one plane, material or stack of faces is seen in the pixel or within one sample spacing of it (proof.md).
+    /// More than one plane, material or stack of faces is seen in the pixel or within one sample spacing of it
+    /// (proof.md).
     pub is_edge: bool,
     /// A texture is seen.
     pub is_textured: bool,

@@ -3,10 +3,10 @@
 //! "Planes coincide when every vertex of the one lies within 1e-6 of the other's plane, relative to the larger of the
 //! faces' extent and their coordinates in the mesh (not the world)."
 //!
-//! Choices: it suffices that one of the two faces lies in the other's plane (the corners of a whole runway needn't lie in the plane
-//! that one small marking spans); faces of different objects are compared where they are, each object's lengths scaled
-//! as its transformation does; of several faces that are seen together, those that a chain of coincidences connects
-//! lie in one plane.
+//! Choices: it suffices that one of the two faces lies in the other's plane (the corners of a whole runway needn't
+//! lie in the plane that one small marking spans); faces of different objects are compared where they are, each
+//! object's lengths scaled as its transformation does; of several faces that are seen together, those that a chain of
+//! coincidences connects lie in one plane.
 
 use glam::DVec3;
 
@@ -41,7 +41,8 @@ impl FacePlane {
     }
 }
 
-/// For each plane the index of the first one that it coincides with, directly or through others; its own if there is none.
+/// For each plane the index of the first one that it coincides with, directly or through others; its own if there is
+/// none.
 pub fn groups(planes: &[&FacePlane]) -> Vec<usize> {
     let mut first: Vec<usize> = (0..planes.len()).collect();
     for b in 1..planes.len() {

@@ -1,14 +1,15 @@
 //! The sampler: every given point of every pixel is asked of every face that reaches the pixel; all fragments are kept,
 //! sorted and composed; the pixel is the mean. picture.md, "One sample" and "One pixel".
 //!
-//! A face's colour is computed once per pixel, at the centre if the face covers it, else at its covered point nearest the
-//! centre (of equally near ones, the first given). Coverage here means the face's own, whatever hides it, cuts it out (MASK) or
-//! fades it away. The background is computed at each point.
+//! A face's colour is computed once per pixel, at the centre if the face covers it, else at its covered point nearest
+//! the centre (of equally near ones, the first given). Coverage here means the face's own, whatever hides it, cuts it
+//! out (MASK) or fades it away. The background is computed at each point.
 //!
 //! Beside the points that make the colour, a ring of points round the pixel is asked what it sees, so that edge
-//! pixels can be told from interior ones as proof.md defines them ("more than one plane, material or stack of faces"): by
-//! the stack of (plane, material) from the eye down to the first opaque face. Faces with a texture or with colours at
-//! their vertices count each for itself even in one plane, because where two of them meet colours may jump.
+//! pixels can be told from interior ones as proof.md defines them ("more than one plane, material or stack of
+//! faces"): by the stack of (plane, material) from the eye down to the first opaque face. Faces with a texture or
+//! with colours at their vertices count each for itself even in one plane, because where two of them meet colours may
+//! jump.
 
 use crate::coverage::{Overlap, extent_in_band, hits, overlap};
 use crate::picture::{Kind, Picture};
@@ -33,8 +34,8 @@ pub struct Options {
     pub points: Vec<[f64; 2]>,
     /// What pixels see of textures.
     pub filtering: Filtering,
-    /// Whether faces in one plane are ordered by layer and place in the file, as the page demands, or like any others by
-    /// depth, and only at exactly equal depth by their place.
+    /// Whether faces in one plane are ordered by layer and place in the file, as the page demands, or like any others
+    /// by depth, and only at exactly equal depth by their place.
     pub layers: bool,
     /// "One sample spacing" for telling edge pixels, pixels; `None`: only what the points themselves see counts.
     pub spacing: Option<f64>,
@@ -170,7 +171,9 @@ impl<'s> Sampler<'s> {
             if self.options.layers && is_shared {
                 self.settle_planes(&seen, &groups, hits);
             }
-            hits.sort_by(|a, b| b.inverse.total_cmp(&a.inverse).then(self.rank(&seen[b.seen]).cmp(&self.rank(&seen[a.seen]))));
+            hits.sort_by(|a, b| {
+                b.inverse.total_cmp(&a.inverse).then(self.rank(&seen[b.seen]).cmp(&self.rank(&seen[a.seen])))
+            });
             hits.truncate(hits.iter().position(|hit| self.hides(&seen[hit.seen])).map_or(hits.len(), |last| last + 1));
             let signature = hits.iter().fold(0xcbf2_9ce4_8422_2325, |hash, hit| {
                 let face = self.face(&seen[hit.seen]);
@@ -219,7 +222,8 @@ impl<'s> Sampler<'s> {
             return;
         }
         let hit_by = |point: [f64; 2]| {
-            let hit = |piece: &&(&crate::screen::Piece, Overlap)| piece.1 == Overlap::Whole || hits(&piece.0.corners, point);
+            let hit =
+                |piece: &&(&crate::screen::Piece, Overlap)| piece.1 == Overlap::Whole || hits(&piece.0.corners, point);
             pieces.iter().find(hit).map(|(piece, _)| Place { piece, point })
         };
         let cutoff = screen.cutoff(face);

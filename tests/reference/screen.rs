@@ -8,8 +8,9 @@
 //! Neighbours that are cut must agree on the new vertex, so it is computed from the edge's inner end to its outer end,
 //! whichever way round the face runs.
 //!
-//! Choices: rounding is to the nearest, halves upwards. A piece is seen from its front or from behind by the winding of what
-//! is on the screen (rounded, if vertices are). An object that a transformation mirrors runs the other way round.
+//! Choices: rounding is to the nearest, halves upwards. A piece is seen from its front or from behind by the winding
+//! of what is on the screen (rounded, if vertices are). An object that a transformation mirrors runs the other way
+//! round.
 
 use crate::camera::Camera;
 use crate::coverage::side;
@@ -34,9 +35,9 @@ pub enum Vertices {
 pub struct Grid {
     /// 2^bits positions per pixel.
     pub bits: u32,
-    /// Faces that reach beyond that many pixels from the view's upper left are cut there before they are rounded; `None`:
-    /// they aren't. The page knows no such limit: it is the range of the pipeline's integers, and where it cuts an edge
-    /// the rounded edge runs up to half a grid step beside where it would without.
+    /// Faces that reach beyond that many pixels from the view's upper left are cut there before they are rounded;
+    /// `None`: they aren't. The page knows no such limit: it is the range of the pipeline's integers, and where it
+    /// cuts an edge the rounded edge runs up to half a grid step beside where it would without.
     pub limit_pixels: Option<f64>,
 }
 
@@ -161,9 +162,8 @@ impl<'a> Screen<'a> {
             self.materials.len() - 1
         });
         let stretch = [linear.x_axis, linear.y_axis, linear.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
-        let placed: Vec<DVec3> = (0..mesh.positions.len())
-            .map(|i| self.camera.view_point(&instance.transform, mesh.position(i)))
-            .collect();
+        let placed: Vec<DVec3> =
+            (0..mesh.positions.len()).map(|i| self.camera.view_point(&instance.transform, mesh.position(i))).collect();
         for (triangle, corners) in mesh.triangles.iter().enumerate() {
             let points = corners.map(|c| placed[c as usize]);
             if !points.iter().all(|p| p.is_finite()) {
@@ -230,8 +230,8 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Change of 1/−Z per pixel on the plane through three points of the view's frame. With the normal n, P = w·(X, Y, −1)
-    /// lies in the plane if w · n·(X, Y, −1) = n·P₀, so 1/w is affine in (X, Y).
+    /// Change of 1/−Z per pixel on the plane through three points of the view's frame. With the normal n, P = w·(X,
+    /// Y, −1) lies in the plane if w · n·(X, Y, −1) = n·P₀, so 1/w is affine in (X, Y).
     fn true_slope(&self, [a, b, c]: [DVec3; 3]) -> [f64; 2] {
         let normal = (b - a).cross(c - a);
         let distance = normal.dot(a);
@@ -300,8 +300,7 @@ fn cut(polygon: &[Corner], inside: impl Fn(DVec3) -> f64, flat: Option<f64>) -> 
             if let Some(depth) = flat {
                 point.z = -depth;
             }
-            let weights =
-                std::array::from_fn(|k| inner.weights[k] + (outer.weights[k] - inner.weights[k]) * part);
+            let weights = std::array::from_fn(|k| inner.weights[k] + (outer.weights[k] - inner.weights[k]) * part);
             kept.push(Corner { point, weights });
         }
     }

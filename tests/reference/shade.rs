@@ -2,10 +2,11 @@
 //! "Visibility", "Background".
 //!
 //! Choices: vertex normals are brought to world axes and made unit ones there before they are interpolated, as vertex
-//! shaders do; the page doesn't say in which space (it matters where an object's scale isn't the same along all axes). Where
-//! interpolation leaves no direction, the face's own normal counts. A vertex colour's alpha counts like its colour. Products of alpha are
-//! clamped to 0..=1. The fog's colour under a sky is the horizon's. The scene's lights attenuate as `KHR_lights_punctual`
-//! recommends, a lux or candela per square metre counting as 1 in the formula.
+//! shaders do; the page doesn't say in which space (it matters where an object's scale isn't the same along all
+//! axes). Where interpolation leaves no direction, the face's own normal counts. A vertex colour's alpha counts like
+//! its colour. Products of alpha are clamped to 0..=1. The fog's colour under a sky is the horizon's. The scene's
+//! lights attenuate as `KHR_lights_punctual` recommends, a lux or candela per square metre counting as 1 in the
+//! formula.
 
 use crate::screen::{Piece, Screen};
 use crate::texture::{Coordinates, Filtering, read};
@@ -38,14 +39,9 @@ pub struct Place<'a> {
 }
 
 impl Screen<'_> {
-    /// The colour of a face at a place. `covered` gives, for a number of places per side, those of the pixel that the face
-    /// covers: where its textures are averaged.
-    pub fn shade<'p>(
-        &self,
-        at: Place<'p>,
-        filtering: Filtering,
-        covered: &dyn Fn(usize) -> Vec<Place<'p>>,
-    ) -> Shaded {
+    /// The colour of a face at a place. `covered` gives, for a number of places per side, those of the pixel that the
+    /// face covers: where its textures are averaged.
+    pub fn shade<'p>(&self, at: Place<'p>, filtering: Filtering, covered: &dyn Fn(usize) -> Vec<Place<'p>>) -> Shaded {
         let face = &self.faces[at.piece.face as usize];
         let mesh = self.world.instances[face.instance as usize].mesh;
         let material = &mesh.material;
@@ -89,7 +85,8 @@ impl Screen<'_> {
         let weights = at.piece.weights_at(at.point);
         let texture = mesh.material.base_texture.map_or(1.0, |used| {
             let coordinates = Coordinates::new(mesh, &used, corners);
-            let filter = if texels_per_pixel(self, at, &coordinates, &used) > 1.0 { Filter::Linear } else { used.magnify };
+            let filter =
+                if texels_per_pixel(self, at, &coordinates, &used) > 1.0 { Filter::Linear } else { used.magnify };
             read(self.world.textures[&used.texture], &used, coordinates.at(weights), filter)[3]
         });
         f64::from(mesh.material.base_color[3]) * vertex_color(mesh, corners, weights)[3] * texture
@@ -108,7 +105,7 @@ impl Screen<'_> {
         matches!(self.materials[self.faces[face as usize].material as usize].alpha, Alpha::Blend)
     }
 
-    /// ambient + Σ_l light_l · max(0, n·d_l)
+    /// `ambient + Σ_l light_l · max(0, n·d_l)`
     fn light(&self, piece: &Piece, weights: [f64; 3]) -> [f64; 3] {
         let environment = &self.state.environment;
         let normal = self.normal(piece, weights);
@@ -138,7 +135,8 @@ impl Screen<'_> {
         let mesh = instance.mesh;
         let corners = mesh.triangles[face.triangle as usize].map(|c| c as usize);
         let [a, b, c] = corners.map(|corner| mesh.position(corner));
-        let to_world = |normal: DVec3| (self.normals[face.instance as usize] * normal.normalize_or_zero()).try_normalize();
+        let to_world =
+            |normal: DVec3| (self.normals[face.instance as usize] * normal.normalize_or_zero()).try_normalize();
         let own = to_world((b - a).cross(c - a)).unwrap_or(DVec3::ZERO);
         let vertex_normal = |corner: usize| {
             let given = mesh.normals.get(corner).map(|n| DVec3::from_array(n.map(f64::from)));
@@ -190,7 +188,8 @@ impl Screen<'_> {
     }
 }
 
-/// The longer of the ways that the texture coordinate goes, texels, when the screen position goes a pixel right or down.
+/// The longer of the ways that the texture coordinate goes, texels, when the screen position goes a pixel right or
+/// down.
 fn texels_per_pixel(screen: &Screen<'_>, at: Place<'_>, coordinates: &Coordinates, used: &TextureUse) -> f64 {
     let texture = screen.world.textures[&used.texture];
     let size = glam::DVec2::new(f64::from(texture.width), f64::from(texture.height));
@@ -202,8 +201,8 @@ fn texels_per_pixel(screen: &Screen<'_>, at: Place<'_>, coordinates: &Coordinate
     way([x + STEP, y]).max(way([x, y + STEP]))
 }
 
-/// From where, and how much weakened, a light arrives at a place: `KHR_lights_punctual`, "Range Property" and "Inner and
-/// Outer Cone Angles".
+/// From where, and how much weakened, a light arrives at a place: `KHR_lights_punctual`, "Range Property" and "Inner
+/// and Outer Cone Angles".
 fn arriving(light: &LightRow, place: DVec3) -> (DVec3, f64) {
     let from = light.position - place;
     let window = |range: Option<f64>| {

@@ -1,11 +1,11 @@
 //! Textures: what is read at one place, and what a pixel sees of them.
 //!
-//! picture.md: "colour decoded from sRGB, then filtered linearly (a NEAREST magnification filter is honoured), wrap modes
-//! as glTF; the truth is the base level averaged over the pixel". So there are no halved copies here: the pixel is
-//! looked at in many places, and each reads the base level.
+//! picture.md: "colour decoded from sRGB, then filtered linearly (a NEAREST magnification filter is honoured), wrap
+//! modes as glTF; the truth is the base level averaged over the pixel". So there are no halved copies here: the pixel
+//! is looked at in many places, and each reads the base level.
 //!
-//! Choices: in a pixel that its face covers only in part, the average is over that part. NEAREST is magnification only: where
-//! a pixel is larger than a texel, reading is linear.
+//! Choices: in a pixel that its face covers only in part, the average is over that part. NEAREST is magnification
+//! only: where a pixel is larger than a texel, reading is linear.
 
 use glam::DVec2;
 use proto::scene::{Filter, Mesh, Texture, TextureUse, Wrap};
@@ -17,8 +17,8 @@ static DECODED: LazyLock<[f64; 256]> = LazyLock::new(|| std::array::from_fn(|c| 
 /// How much of a texture a pixel sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filtering {
-    /// The base level averaged over the pixel, as the page has it; at most that many places per side. (Four places per texel
-    /// are looked at, at least 4 and at most this number per side.)
+    /// The base level averaged over the pixel, as the page has it; at most that many places per side. (Four places
+    /// per texel are looked at, at least 4 and at most this number per side.)
     Averaged(usize),
     /// The same where texels are smaller than pixels; where they are larger, the one place where the face is shaded, as
     /// renderers do. Beside a sharp edge in the texture that differs from the average, most where texels and pixels are
@@ -37,7 +37,9 @@ impl Filtering {
         match self {
             Self::Point => 1,
             Self::AveragedIfReduced(_) if texels_per_pixel <= 1.0 => 1,
-            Self::AveragedIfReduced(most) | Self::Averaged(most) => ((texels_per_pixel * 4.0).ceil() as usize).clamp(4, most.max(4)),
+            Self::AveragedIfReduced(most) | Self::Averaged(most) => {
+                ((texels_per_pixel * 4.0).ceil() as usize).clamp(4, most.max(4))
+            }
         }
     }
 }

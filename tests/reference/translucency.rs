@@ -7,7 +7,7 @@
 //! ```
 //!
 //! where T_{g,v} is the product of (1 − α) over the fragments of that version nearer than this one; the background gets
-//! Π T_h. A fragment that belongs to no model is a model of its own with one version: its own T is 1, so it
+//! `Π T_h`. A fragment that belongs to no model is a model of its own with one version: its own T is 1, so it
 //! contributes c · α · Π T, and of all such together no more is needed than the product of their (1 − α). That is the
 //! ordinary front-to-back "over", and consequence *(b)*.
 //!
@@ -16,8 +16,8 @@
 /// A model whose faces are not each a layer of their own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// The weight of each version. What is missing to a sum of 1 is a version that shows nothing. A model with one version
-    /// has `[1.0]`.
+    /// The weight of each version. What is missing to a sum of 1 is a version that shows nothing. A model with one
+    /// version has `[1.0]`.
     pub weights: Vec<f64>,
     /// Whether only the nearest translucent fragment of each version counts.
     pub merged: bool,
@@ -105,7 +105,7 @@ pub fn composite_sorted(fragments: &[Fragment], models: &[Model], background: [f
     sum
 }
 
-/// Π T_h over all models met, except one.
+/// `Π T_h` over all models met, except one.
 fn through_models(open: &[Open], models: &[Model], except: Option<usize>) -> f64 {
     let of = |entry: &Open| -> f64 {
         let weights = &models[entry.model].weights;

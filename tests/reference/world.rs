@@ -112,7 +112,8 @@ impl<'a> World<'a> {
             }
             let object = table.objects.get(row.object.0 as usize).ok_or(WorldError::Object { subobject })?;
             let transform = moved.get(&row.object).copied().unwrap_or(object.transform);
-            let member = row.part_of.map(|part| Member { model: part.model.0 as usize, version: part.version as usize });
+            let member =
+                row.part_of.map(|part| Member { model: part.model.0 as usize, version: part.version as usize });
             if let (Some(member), Some(part)) = (member, row.part_of) {
                 let versions = world.models.get(member.model).map_or(0, |model| model.weights.len());
                 if member.version >= versions {

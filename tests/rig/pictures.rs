@@ -5,9 +5,9 @@ use std::process::Stdio;
 
 const FLIGHT: [&str; 8] = ["--frames", "12", "--views", "3", "--size", "160x90", "--samples", "4"];
 
-fn flown(boards: &str) -> std::collections::BTreeMap<String, Vec<u8>> {
+fn flown(boards: &str, mode: &str) -> std::collections::BTreeMap<String, Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
-    let args = [&FLIGHT[..], &["--boards", boards]].concat();
+    let args = [&FLIGHT[..], &["--boards", boards, "--mode", mode]].concat();
     let stats = fly(folder.path(), &args);
     assert_eq!(stats["frames"], 12, "every frame once");
     assert_eq!(stats["late_frames"], 0, "lock-step has no deadline");
@@ -17,14 +17,16 @@ fn flown(boards: &str) -> std::collections::BTreeMap<String, Vec<u8>> {
 
 #[test]
 fn one_two_three_and_five_boards_write_the_same_bytes() {
-    let one = flown("1");
+    let one = flown("1", "interleave");
     assert_eq!(one.len(), 12);
     assert!(one.contains_key("frame-00000.png") && one.contains_key("frame-00011.png"));
     let picture = image::load_from_memory(&one["frame-00000.png"]).unwrap();
     assert_eq!((picture.width(), picture.height()), (3 * 160, 90));
     assert_ne!(one["frame-00000.png"], one["frame-00011.png"], "the picture moves");
-    for boards in ["2", "3", "5"] {
-        assert_eq!(flown(boards), one, "{boards} boards");
+    for (boards, mode) in
+        [("2", "interleave"), ("3", "region"), ("3", "interleave"), ("5", "interleave"), ("5", "region")]
+    {
+        assert_eq!(flown(boards, mode), one, "{boards} boards, {mode}");
     }
 }
 
@@ -62,4 +64,26 @@ fn a_board_killed_in_mid_flight_changes_no_written_picture() {
     let stats: serde_json::Value = serde_json::from_str(&output).unwrap();
     assert_eq!(stats["boards"], 2, "one of three was killed: {output}");
     assert_eq!(files(disturbed.path()), files(undisturbed.path()));
+}
+
+#[test]
+fn linear_frames_and_bare_pixels_are_written_too() {
+    let args = ["--frames", "2", "--views", "2", "--size", "96x64", "--samples", "4", "--boards", "2"];
+    let folder = tempfile::tempdir().unwrap();
+    let out = |kind: &str| {
+        let out = folder.path().join(kind);
+        fly(&out, &[&args[..], &["--format", kind]].concat());
+        files(&out)
+    };
+    let (png, exr, raw) = (out("png"), out("exr"), out("rgb"));
+    let decoded = image::load_from_memory(&png["frame-00001.png"]).unwrap().into_rgb8();
+    assert_eq!(decoded.as_raw(), &raw["frame-00001.rgb"], "the same pixels");
+    let format = image::ImageFormat::OpenExr;
+    let linear = image::load_from_memory_with_format(&exr["frame-00001.exr"], format).unwrap().into_rgb32f();
+    // A screen value of 128 is 0.216 of full light, and so on: the two must be one picture.
+    for (shown, light) in decoded.as_raw().iter().zip(linear.as_raw()) {
+        let c = f64::from(light.clamp(0.0, 1.0));
+        let encoded = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
+        assert!((encoded * 255.0 - f64::from(*shown)).abs() < 0.51, "{shown} of {light}");
+    }
 }

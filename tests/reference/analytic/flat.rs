@@ -42,8 +42,7 @@ fn the_ring_makes_a_pixel_beside_an_edge_an_edge_pixel() {
 fn triangles_have_their_area() {
     let mut random = Random(1);
     for _ in 0..50 {
-        let corners: [[f64; 2]; 3] =
-            std::array::from_fn(|_| [random.between(0.5, 7.5), random.between(0.5, 7.5)]);
+        let corners: [[f64; 2]; 3] = std::array::from_fn(|_| [random.between(0.5, 7.5), random.between(0.5, 7.5)]);
         let depths: [f64; 3] = std::array::from_fn(|_| random.between(1.0, 50.0));
         let points: [DVec3; 3] = std::array::from_fn(|k| on_screen(corners[k][0], corners[k][1], depths[k]));
         let material = Material { double_sided: true, ..paint(WHITE) };
@@ -123,7 +122,8 @@ fn two_panes_mix_by_the_formula() {
 #[test]
 fn interpenetrating_faces_part_where_their_depths_are_equal() {
     // 1/w of the slanted one falls from 1/2 at x = 0 to 1/8 at x = 8; it meets 1/4 at x = 16/3.
-    let slanted = quad([on_screen(0.0, 8.0, 2.0), on_screen(8.0, 8.0, 8.0), on_screen(8.0, 0.0, 8.0), on_screen(0.0, 0.0, 2.0)]);
+    let slanted =
+        quad([on_screen(0.0, 8.0, 2.0), on_screen(8.0, 8.0, 8.0), on_screen(8.0, 0.0, 8.0), on_screen(0.0, 0.0, 2.0)]);
     let meshes = [mesh(&wall(4.0), paint(BLACK)), mesh(&slanted, paint(WHITE))];
     let picture = integral(&world(&meshes), &state([0.5; 3]));
     for (x, want) in [1.0, 1.0, 1.0, 1.0, 1.0, 1.0 / 3.0, 0.0, 0.0].into_iter().enumerate() {
@@ -144,9 +144,8 @@ fn three_faces_that_overlap_in_a_circle_are_all_in_front_of_one_another() {
         let far = |s: f64| on_screen(bx + dx + s * nx, by + dy + s * ny, 6.0);
         mesh(&quad([near(-1.0), near(1.0), far(1.0), far(-1.0)]), Material { double_sided: true, ..paint(colors[k]) })
     };
-    let pictures: Vec<_> = [[0, 1, 2], [2, 1, 0], [1, 2, 0]]
-        .map(|order| integral(&world(&order.map(bar)), &state(BLACK)))
-        .into();
+    let pictures: Vec<_> =
+        [[0, 1, 2], [2, 1, 0], [1, 2, 0]].map(|order| integral(&world(&order.map(bar)), &state(BLACK))).into();
     let meshes = [bar(0), bar(1), bar(2)];
     let sampled = sample(&world(&meshes), &state(BLACK), &view(), &Options::truth(16_384, 64));
     for (i, color) in pictures[0].linear.iter().enumerate() {
@@ -226,7 +225,9 @@ fn nonsense_makes_no_nan_and_no_panic() {
     for k in 0..60 {
         let scale = 10f64.powi(k % 20 - 8);
         for _ in 0..3 {
-            points.push(DVec3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.between(-1.0, 1.0)) * scale);
+            points.push(
+                DVec3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.between(-1.0, 1.0)) * scale,
+            );
         }
     }
     points.extend([DVec3::ZERO; 3]);

@@ -48,9 +48,9 @@ fn an_ordinary_scene_is_the_ordinary_over() {
         // From the back to the front.
         let mut sorted = fragments.clone();
         sorted.sort_by(|a, b| b.depth.total_cmp(&a.depth));
-        let want = sorted.iter().fold(background, |behind, f| {
-            std::array::from_fn(|k| f.color[k] * f.alpha + behind[k] * (1.0 - f.alpha))
-        });
+        let want = sorted
+            .iter()
+            .fold(background, |behind, f| std::array::from_fn(|k| f.color[k] * f.alpha + behind[k] * (1.0 - f.alpha)));
         assert_close(composite(&fragments, &[], background), want, 1e-12);
     }
 }
@@ -123,8 +123,10 @@ fn of_a_merged_model_only_the_nearest_puff_counts() {
 
 #[test]
 fn versions_of_a_drawn_model_mix_as_their_pictures() {
-    let meshes =
-        [mesh(&rectangle(1.0, 1.0, 5.3, 7.0, 4.0), paint([1.0, 0.5, 0.0])), mesh(&rectangle(2.0, 2.0, 7.0, 5.5, 3.0), glass([0.0, 0.5, 1.0], 0.5))];
+    let meshes = [
+        mesh(&rectangle(1.0, 1.0, 5.3, 7.0, 4.0), paint([1.0, 0.5, 0.0])),
+        mesh(&rectangle(2.0, 2.0, 7.0, 5.5, 3.0), glass([0.0, 0.5, 1.0], 0.5)),
+    ];
     let options = Options::truth(16, 16);
     let picture = |weights: &[f64]| sample(&versions(&meshes, weights), &state([0.1; 3]), &view(), &options);
     let (both, first, second) = (picture(&[0.375, 0.625]), picture(&[1.0, 0.0]), picture(&[0.0, 1.0]));
@@ -149,7 +151,9 @@ fn in_one_plane_the_higher_layer_wins_then_the_later_in_the_file() {
         mesh(&floor(2.3, 5.3), paint(blue)),
     ];
     let options = Options::truth(16, 16);
-    for (layers, want) in [([0, 0, 0], blue), ([0, 1, 0], green), ([1, 0, 0], red), ([0, 1, 1], blue), ([-1, -1, -2], green)] {
+    for (layers, want) in
+        [([0, 0, 0], blue), ([0, 1, 0], green), ([1, 0, 0], red), ([0, 1, 1], blue), ([-1, -1, -2], green)]
+    {
         let mut world = world(&meshes);
         for (instance, layer) in world.instances.iter_mut().zip(layers) {
             instance.layer = layer;

@@ -57,7 +57,9 @@ fn normals_are_made_unit_then_mixed_then_made_unit() {
 fn at_the_range_of_visibility_98_per_cent_is_fog_and_beyond_is_nothing() {
     let meshes = [mesh(&wall(100.0), paint([1.0; 3]))];
     let view = View { tangents: Tangents { left: -1e-3, right: 1e-3, bottom: -1e-3, top: 1e-3 }, ..view() };
-    for (range, want) in [(100.001, 0.02 + 0.5 * 0.98), (99.9, 0.25), (200.0, 0.02f64.sqrt() + 0.5 * (1.0 - 0.02f64.sqrt()))] {
+    for (range, want) in
+        [(100.001, 0.02 + 0.5 * 0.98), (99.9, 0.25), (200.0, 0.02f64.sqrt() + 0.5 * (1.0 - 0.02f64.sqrt()))]
+    {
         let environment = Environment {
             visibility_m: Some(range),
             fog: Some([0.5; 3]),
@@ -83,7 +85,12 @@ fn the_sky_goes_from_horizon_to_zenith_by_elevation() {
 }
 
 /// A wall with a texture whose texels are that many pixels wide.
-fn textured(texels: &[[u8; 4]], width: u32, pixels_per_texel: f64, change: impl Fn(&mut TextureUse)) -> (Mesh, Texture) {
+fn textured(
+    texels: &[[u8; 4]],
+    width: u32,
+    pixels_per_texel: f64,
+    change: impl Fn(&mut TextureUse),
+) -> (Mesh, Texture) {
     let texture = Texture { width, height: texels.len() as u32 / width, texels: texels.to_vec() };
     let mut used = TextureUse {
         texture: ContentId([0; 16]),

@@ -1,7 +1,7 @@
 //! Cases whose answer a person can work out: the reference's own proof.
 //!
-//! All are seen through one view of 8 × 8 pixels with tangents ±1 and the eye at the origin, so that [`on_screen`] puts a
-//! vertex at a known place of the screen and a known depth.
+//! All are seen through one view of 8 × 8 pixels with tangents ±1 and the eye at the origin, so that [`on_screen`]
+//! puts a vertex at a known place of the screen and a known depth.
 
 mod flat;
 mod formula;
@@ -106,7 +106,7 @@ fn state(background: [f32; 3]) -> FrameState {
     }
 }
 
-/// Numbers that look random and are the same every time (SplitMix64), in 0..1.
+/// Numbers that look random and are the same every time (`SplitMix64`), in 0..1.
 struct Random(u64);
 
 impl Random {

@@ -1,5 +1,6 @@
 //! The pipeline against the reference: the same rounded vertices and the same points give the same coverage to the bit
 //! and the same untextured colour to 1/255; true vertices the same wherever a point isn't right beside an edge.
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "tests: what can't go on fails, and figures are shown")]
 
 mod coverage;
 mod scenes;
@@ -71,6 +72,7 @@ impl Content {
         }
         store.set_table(self.table.clone()).unwrap();
         store.set_moved(&self.moved).unwrap();
+        store.set_weights(&self.weights).unwrap();
         store
     }
 
@@ -134,7 +136,7 @@ fn data() -> Option<PathBuf> {
     None
 }
 
-/// Numbers that look random and are the same every time (SplitMix64).
+/// Numbers that look random and are the same every time (`SplitMix64`).
 struct Random(u64);
 
 impl Random {
@@ -200,7 +202,12 @@ fn random_content(random: &mut Random, faces: u32) -> Content {
             mesh.colors = (0..3).map(|_| [0; 4].map(|_| random.unit() as f32)).collect();
         }
         let turn = DQuat::from_axis_angle(random.vector(1.0).normalize(), random.between(0.0, 0.1));
-        content.add(mesh, DAffine3::from_rotation_translation(turn, DVec3::ZERO));
+        let scale = match random.below(4) {
+            0 => DVec3::new(1.0, 0.5, 2.0),
+            1 => DVec3::new(-1.0, 1.0, 1.0),
+            _ => DVec3::ONE,
+        };
+        content.add(mesh, DAffine3::from_scale_rotation_translation(scale, turn, DVec3::ZERO));
     }
     content
 }

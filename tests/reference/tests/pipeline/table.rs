@@ -1,7 +1,7 @@
 //! The table of issue "the right picture": every model at 640 × 360 with 64 samples against the truth at 1024 points.
 //!
-//! Minutes of work, so it is asked for: `cargo test --release -p cyclorama-reference --test pipeline -- --ignored --nocapture
-//! table`. With `CYCLORAMA_DIFF=folder` it writes a difference picture for each model.
+//! Minutes of work, so it is asked for: `cargo test --release -p cyclorama-reference --test pipeline -- --ignored
+//! --nocapture table`. With `CYCLORAMA_DIFF=folder` it writes a difference picture for each model.
 
 use super::*;
 use std::time::Instant;
@@ -67,7 +67,11 @@ fn table_of_the_integral() {
         let started = Instant::now();
         let world = content.world();
         let truth = reference::integrate(&world, &state, &view, Vertices::Exact, 0.125).unwrap();
-        println!("{name}: integral in {:.1} s, {} sampled instead", started.elapsed().as_secs_f64(), truth.sampled_instead);
+        println!(
+            "{name}: integral in {:.1} s, {} sampled instead",
+            started.elapsed().as_secs_f64(),
+            truth.sampled_instead
+        );
         for samples in ALL_SAMPLES {
             let (linear, _) = content.draw(&state, &View { samples, ..view });
             println!("  pipeline, {samples:?}: edges {}", compare(Shown::Linear(&linear), &truth).edges);
