@@ -5,7 +5,7 @@
 //! file ([`import`]) or from parts ([`Parts`]), and never changes: what a host moves is kept beside it, in
 //! [`Entities`], so that one scene serves any number of frames, threads and eyepoints.
 //!
-//! [`extras`] is what modellers say about parts of a scene, [`models`] what merges or has versions, [`planes`] which faces lie
+//! `extras` is what modellers say about parts of a scene, `models` what merges or has versions, `planes` which faces lie
 //! over each other in one plane. [`split`] cuts primitives into subobjects, [`bounds`] puts balls and boxes round things, [`bvh`] arranges the balls for
 //! culling, [`inspect`] describes the result to a person.
 
