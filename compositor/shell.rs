@@ -31,6 +31,8 @@ use tokio_util::sync::CancellationToken;
 
 /// Messages from boards that may wait; with a message per board and view and frame, a few frames.
 const TILE_QUEUE: usize = 64;
+/// Boards connected at once, greeted or not.
+const CONNECTIONS_MAX: usize = limits::BOARDS_MAX + 64;
 /// A peer that has not finished its greeting by then is dropped.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -61,8 +63,11 @@ pub enum CompositorError {
     Refused(String, String),
 }
 
+/// The link of each board, and what ends it.
+type Links = std::collections::BTreeMap<BoardKey, (u64, CancellationToken)>;
+
 enum Event {
-    Board(BoardKey, u64),
+    Board(BoardKey, u64, CancellationToken),
     Message(BoardKey, u64, TileMessage, Bytes),
     Lost(BoardKey, u64),
 }
@@ -70,6 +75,8 @@ enum Event {
 /// Why one session with a backplane is over.
 enum End {
     Goodbye,
+    /// The file writer has failed; its error comes out when it is joined.
+    Sink,
     Lost(LinkError),
     Shutdown,
     Failed(CompositorError),
@@ -97,7 +104,7 @@ pub async fn run(
     };
     let format = config.out.as_ref().map_or(PixelFormat::Srgb8, |(_, kind)| kind.format());
     let mut stitcher = Stitcher::new(format);
-    let mut links = std::collections::BTreeMap::new();
+    let mut links = Links::new();
     let mut backoff = Backoff::new(u64::from(std::process::id()));
     let result = loop {
         let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, files.as_ref(), &mut backoff);
@@ -106,7 +113,7 @@ pub async fn run(
             () = shutdown.cancelled() => End::Shutdown,
         };
         match end {
-            End::Shutdown => break Ok(()),
+            End::Shutdown | End::Sink => break Ok(()),
             End::Failed(error) => break Err(error),
             End::Goodbye if config.once => break Ok(()),
             End::Goodbye => tracing::info!("the rig has ended; waiting for the next"),
@@ -130,7 +137,7 @@ async fn session(
     config: &Config,
     address: SocketAddr,
     stitcher: &mut Stitcher,
-    links: &mut std::collections::BTreeMap<BoardKey, u64>,
+    links: &mut Links,
     inbox: &mut mpsc::Receiver<Event>,
     files: Option<&Files>,
     backoff: &mut Backoff,
@@ -182,8 +189,7 @@ async fn session(
                 if let Some(files) = files
                     && !files.write(picture.clone()).await
                 {
-                    // The writer has failed; its error comes out when it is joined.
-                    return End::Goodbye;
+                    return End::Sink;
                 }
                 if shown.preview
                     && let Ok(permit) = previews.clone().try_reserve_owned()
@@ -220,46 +226,66 @@ async fn greet(
 
 async fn on_event(
     stitcher: &mut Stitcher,
-    links: &mut std::collections::BTreeMap<BoardKey, u64>,
+    links: &mut Links,
     backplane: &mut Link<TcpStream>,
     event: Event,
 ) -> Result<(), LinkError> {
     match event {
-        Event::Board(key, link) => {
-            links.insert(key, link);
+        Event::Board(key, link, cut) => {
+            if let Some((_, old)) = links.insert(key, (link, cut)) {
+                old.cancel();
+            }
             stitcher.on_board(key);
         }
-        Event::Message(key, link, message, payload) if links.get(&key) == Some(&link) => match message {
+        Event::Message(key, link, message, payload) if is_current(links, key, link) => match message {
             TileMessage::Tiles { frame, epoch, view, count, size, format } => {
                 if let Err(error) = stitcher.on_tiles(key, frame, epoch, view, count, size, format, payload) {
-                    tracing::warn!(%key, %error, "malformed tiles: board dropped");
-                    links.remove(&key);
-                    stitcher.on_lost(key);
+                    tracing::warn!(%key, %error, "tiles refused: the board's link is dropped");
+                    drop_board(stitcher, links, backplane, key).await?;
                 }
             }
             TileMessage::Done { frame, epoch } => stitcher.on_done(key, frame, epoch),
             TileMessage::Hello { .. } => {}
         },
-        Event::Lost(key, link) if links.get(&key) == Some(&link) => {
-            links.remove(&key);
-            for frame in stitcher.on_lost(key) {
-                link::send(backplane, &FromCompositor::Missing { frame }, &[]).await?;
-            }
-        }
+        Event::Lost(key, link) if is_current(links, key, link) => drop_board(stitcher, links, backplane, key).await?,
         // Of a link that has been replaced meanwhile.
         Event::Message(..) | Event::Lost(..) => {}
     }
     Ok(())
 }
 
+fn is_current(links: &Links, key: BoardKey, link: u64) -> bool {
+    links.get(&key).is_some_and(|(current, _)| *current == link)
+}
+
+/// Ends a board's link and says which frames can't be shown for it. The board connects again and sends all its tiles.
+async fn drop_board(
+    stitcher: &mut Stitcher,
+    links: &mut Links,
+    backplane: &mut Link<TcpStream>,
+    key: BoardKey,
+) -> Result<(), LinkError> {
+    if let Some((_, cut)) = links.remove(&key) {
+        cut.cancel();
+    }
+    for frame in stitcher.on_lost(key) {
+        link::send(backplane, &FromCompositor::Missing { frame }, &[]).await?;
+    }
+    Ok(())
+}
+
 async fn accept(listener: TcpListener, events: mpsc::Sender<Event>) {
     let mut next_link = 0;
+    let places = Arc::new(tokio::sync::Semaphore::new(CONNECTIONS_MAX));
     loop {
+        // The semaphore is never closed.
+        let Ok(place) = places.clone().acquire_owned().await else { return };
         match listener.accept().await {
             Ok((stream, from)) => {
                 next_link += 1;
                 let (link, events) = (next_link, events.clone());
                 tokio::spawn(async move {
+                    let _place = place;
                     if let Err(error) = serve(stream, link, events).await {
                         tracing::debug!(%from, %error, "tile link ended");
                     }
@@ -277,18 +303,25 @@ async fn accept(listener: TcpListener, events: mpsc::Sender<Event>) {
 async fn serve(stream: TcpStream, link: u64, events: mpsc::Sender<Event>) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let greeting = async {
-        let mut tiles = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
+        // Before a peer has said who it is, it may claim little.
+        let mut tiles = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
         let (hello, _) = link::expect::<TileMessage>(&mut tiles).await?;
+        tiles.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
         Ok::<_, LinkError>((tiles, hello))
     };
     let Ok(greeted) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else { return Ok(()) };
     let (mut tiles, TileMessage::Hello { key }) = greeted? else { return Ok(()) };
     // A closed queue means that the daemon ends: then so does this task.
-    if events.send(Event::Board(key, link)).await.is_err() {
+    let cut = CancellationToken::new();
+    if events.send(Event::Board(key, link, cut.clone())).await.is_err() {
         return Ok(());
     }
     let result = loop {
-        match tiles.next().await {
+        let next = tokio::select! {
+            next = tiles.next() => next,
+            () = cut.cancelled() => return Ok(()),
+        };
+        match next {
             None => break Ok(()),
             Some(Err(error)) => break Err(error.into()),
             Some(Ok(frame)) => match codec::decode(frame.freeze()) {

@@ -170,7 +170,7 @@ impl Files {
 pub fn preview(picture: &Picture) -> Vec<u8> {
     let step = picture.width.div_ceil(PREVIEW_WIDTH_MAX).max(1);
     let (width, height) = (picture.width / step, picture.height / step);
-    let mut small = Vec::with_capacity((width * height * 3) as usize);
+    let mut small = Vec::with_capacity(width as usize * height as usize * 3);
     for y in 0..height {
         for x in 0..width {
             for channel in 0..3 {
@@ -196,7 +196,7 @@ pub fn preview(picture: &Picture) -> Vec<u8> {
 /// One channel of a pixel as a screen shows it. Linear light is encoded only roughly (a power of 1/2.2): this is for a
 /// look, the files have the exact values.
 fn shown(picture: &Picture, x: u32, y: u32, channel: u32) -> u8 {
-    let at = ((y * picture.width + x) * 3 + channel) as usize;
+    let at = (y as usize * picture.width as usize + x as usize) * 3 + channel as usize;
     match picture.format {
         PixelFormat::Srgb8 => picture.pixels[at],
         PixelFormat::LinearF32 => {

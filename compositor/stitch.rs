@@ -20,6 +20,10 @@ use std::collections::{BTreeMap, VecDeque};
 /// far behind, and newest wins.
 const SWAPS_MAX: usize = 120;
 
+/// Tiles of one board that may wait for their swap, as a multiple of the canvas. Beyond, some board is not delivering, and the others' tiles
+/// pile up. A start with many late frames needs three or four.
+const WAITING_MAX: usize = 16;
+
 /// Tiles of one message, not yet on the canvas.
 #[derive(Clone, Debug)]
 struct Run {
@@ -35,7 +39,10 @@ struct Run {
 #[derive(Clone, Debug, Default)]
 struct Inbox {
     runs: VecDeque<Run>,
-    done: Option<(Epoch, FrameNumber)>,
+    /// Bytes of the runs' payloads.
+    bytes: usize,
+    /// Frames of which all tiles are here; the newest at the end.
+    done: VecDeque<(Epoch, FrameNumber)>,
 }
 
 /// A view's place on the canvas.
@@ -96,6 +103,11 @@ impl Stitcher {
             (self.width, self.height) = (width, height);
             self.canvas = vec![0; width as usize * height as usize * self.format.bytes()];
             self.views = placed;
+            // Their tiles have the old sizes; boards send all anew when views change.
+            for inbox in self.boards.values_mut() {
+                inbox.runs.clear();
+                inbox.bytes = 0;
+            }
         }
         true
     }
@@ -127,7 +139,8 @@ impl Stitcher {
     /// Tiles from a board. `size` is the view's size as the board knows it.
     ///
     /// # Errors
-    /// [`CodecError`] when the payload is malformed: the board's fault, nothing is changed.
+    /// [`CodecError`] when the payload is malformed, or too many of the board's tiles wait: nothing is changed, and the board's
+    /// link is best dropped, so that it begins anew.
     pub fn on_tiles(
         &mut self,
         key: BoardKey,
@@ -146,7 +159,14 @@ impl Stitcher {
             return Ok(());
         }
         let pixels_at = payload.len() - pixels.len();
+        let limit = WAITING_MAX * self.canvas.len();
         if let Some(inbox) = self.boards.get_mut(&key) {
+            let bytes = inbox.bytes + payload.len();
+            if bytes > limit {
+                let (value, limit) = (bytes as u64, limit as u64);
+                return Err(CodecError::Limit { what: "bytes of tiles that wait for a swap", value, limit });
+            }
+            inbox.bytes = bytes;
             inbox.runs.push_back(Run { frame, epoch, view, tiles, payload, pixels_at });
         }
         Ok(())
@@ -155,7 +175,10 @@ impl Stitcher {
     /// A board has sent all tiles of a frame.
     pub fn on_done(&mut self, key: BoardKey, frame: FrameNumber, epoch: Epoch) {
         if let Some(inbox) = self.boards.get_mut(&key) {
-            inbox.done = Some((epoch, frame));
+            if inbox.done.len() >= SWAPS_MAX {
+                inbox.done.pop_front();
+            }
+            inbox.done.push_back((epoch, frame));
         }
     }
 
@@ -178,14 +201,17 @@ impl Stitcher {
             inbox.runs.retain(|run| {
                 let is_complete = swap.complete.get(run.view.0 as usize).copied().unwrap_or(false);
                 if run.epoch < swap.epoch {
+                    inbox.bytes -= run.payload.len();
                     return false;
                 }
                 let take = run.epoch == swap.epoch && run.frame <= swap.frame && is_complete;
                 if take {
+                    inbox.bytes -= run.payload.len();
                     runs.push(run.clone());
                 }
                 !take
             });
+            inbox.done.retain(|done| *done > (swap.epoch, swap.frame));
         }
         runs.sort_by_key(|run| run.frame);
         let mut tiles = 0;
@@ -198,8 +224,8 @@ impl Stitcher {
 
     fn is_satisfied(&self, swap: &Swap) -> bool {
         swap.boards.iter().all(|key| {
-            let done = self.boards.get(key).and_then(|inbox| inbox.done);
-            done.is_some_and(|(epoch, frame)| epoch == swap.epoch && frame >= swap.frame)
+            // Exactly this frame: a board whose link had no room for it has sent its tiles with a later one.
+            self.boards.get(key).is_some_and(|inbox| inbox.done.contains(&(swap.epoch, swap.frame)))
         })
     }
 
@@ -331,6 +357,34 @@ mod tests {
         send(&mut stitcher, 0, 4, 2, 1);
         assert_eq!(stitcher.on_lost(BoardKey(1)), [FrameNumber(4)]);
         assert_eq!(stitcher.poll(), None);
+    }
+
+    /// Found by review: a board without room for frame 10 sent everything with 11, and 10 was shown without its tiles.
+    #[test]
+    fn a_later_frame_of_one_board_does_not_stand_in_for_this_one() {
+        let mut stitcher = stitcher(2, 1);
+        stitcher.on_swap(swap(10, &[true], &[0, 1]));
+        send(&mut stitcher, 1, 10, 2, 1);
+        send(&mut stitcher, 0, 11, 2, 1);
+        assert_eq!(stitcher.poll(), None);
+        stitcher.on_swap(swap(11, &[true], &[0, 1]));
+        send(&mut stitcher, 1, 11, 2, 1);
+        let shown = stitcher.poll().unwrap();
+        assert_eq!((shown.frame, shown.skipped), (FrameNumber(11), 1));
+        assert!(stitcher.canvas().iter().all(|v| *v == 12));
+    }
+
+    #[test]
+    fn tiles_that_pile_up_without_a_swap_are_refused_in_the_end() {
+        let mut stitcher = stitcher(1, 1);
+        let tiles: Vec<_> = proto::share::Part::WHOLE.tiles(SIZE.0, SIZE.1).collect();
+        let mut offer = |frame| {
+            let (count, bytes) = (tiles.len() as u32, payload(&tiles, 1));
+            let (view, format) = (ViewId(0), PixelFormat::Srgb8);
+            stitcher.on_tiles(BoardKey(0), FrameNumber(frame), Epoch(1), view, count, SIZE, format, bytes).is_ok()
+        };
+        assert!((0..8).all(&mut offer), "a few frames may wait");
+        assert!(!(8..40).all(&mut offer), "but not any number");
     }
 
     #[test]

@@ -78,7 +78,7 @@ impl From<ModeArg> for proto::view::Mode {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RowArgs {
     /// How many views stand side by side
-    #[arg(long, env = "CYCLORAMA_VIEWS", value_name = "N")]
+    #[arg(long, env = "CYCLORAMA_VIEWS", value_name = "N", value_parser = views)]
     pub views: Option<NonZeroU32>,
     /// Size of each view, pixels
     #[arg(long, env = "CYCLORAMA_SIZE", value_name = "WxH", value_parser = size)]
@@ -118,10 +118,10 @@ pub(crate) struct RigArgs {
     #[command(flatten)]
     pub air: AirArgs,
     /// How many boards; as many as views by default
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = boards)]
     pub boards: Option<NonZeroUsize>,
     /// Frames a second
-    #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = positive)]
+    #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = rate)]
     pub rate: f64,
     /// How a view is shared between boards
     #[arg(long, value_enum, default_value_t)]
@@ -172,7 +172,7 @@ pub(crate) struct ManagerArgs {
     #[command(flatten)]
     pub air: AirArgs,
     /// Frames a second
-    #[arg(long, env = "CYCLORAMA_RATE", value_name = "HZ", value_parser = positive)]
+    #[arg(long, env = "CYCLORAMA_RATE", value_name = "HZ", value_parser = rate)]
     pub rate: Option<f64>,
     /// How a view is shared between boards
     #[arg(long, env = "CYCLORAMA_MODE", value_enum)]
@@ -278,7 +278,7 @@ pub(crate) struct HostPlayArgs {
     #[arg(long, default_value = "127.0.0.1:7401", value_name = "HOST:PORT")]
     pub to: String,
     /// Poses a second, for files without times; files with times are flown by those
-    #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = positive)]
+    #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = rate)]
     pub rate: f64,
     /// Send the next pose only when the manager has shown the last
     #[arg(long)]
@@ -318,7 +318,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
     /// Draw in the shares of this many boards, and stitch; the picture is the same
-    #[arg(long, default_value = "1", value_name = "N")]
+    #[arg(long, default_value = "1", value_name = "N", value_parser = boards)]
     pub boards: NonZeroUsize,
     /// How the picture is shared between boards
     #[arg(long, value_enum, default_value_t)]
@@ -435,6 +435,23 @@ fn triple(text: &str) -> Result<[f64; 3], String> {
 fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0);
     number.ok_or_else(|| "expected a number above zero".into())
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| (0.01..=10_000.0).contains(n));
+    number.ok_or_else(|| "expected frames a second, 0.01 to 10000".into())
+}
+
+fn views(text: &str) -> Result<NonZeroU32, String> {
+    let most = proto::limits::VIEWS_MAX;
+    let number = text.parse().ok().filter(|n: &NonZeroU32| n.get() as usize <= most);
+    number.ok_or_else(|| format!("expected 1 to {most}"))
+}
+
+fn boards(text: &str) -> Result<NonZeroUsize, String> {
+    let most = proto::limits::BOARDS_MAX;
+    let number = text.parse().ok().filter(|n: &NonZeroUsize| n.get() <= most);
+    number.ok_or_else(|| format!("expected 1 to {most}"))
 }
 
 fn console(text: &str) -> Result<Console, String> {

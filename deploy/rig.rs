@@ -161,8 +161,8 @@ impl Rig {
                     }
                     Some(Ok(ManagerLine::Report(value))) => report = Some(value),
                     Some(_) => {}
-                    // End of the manager's output: it is over.
-                    None => return Ok(report),
+                    // End of the manager's output: it is over, and its exit status says how.
+                    None => return self.judge_manager(report).await,
                 },
                 Some(Ok((child, status))) = self.exits.join_next() => {
                     if child == MANAGER {
@@ -187,6 +187,20 @@ impl Rig {
                 }
             }
         }
+    }
+
+    async fn judge_manager(
+        &mut self,
+        report: Option<serde_json::Value>,
+    ) -> Result<Option<serde_json::Value>, CommandError> {
+        while let Some(ended) = self.exits.join_next().await {
+            match ended {
+                Ok((MANAGER, Some(status))) if status.success() => return Ok(report),
+                Ok((MANAGER, _)) => return Err(CommandError::said("the manager has failed; its message is above")),
+                _ => {}
+            }
+        }
+        Ok(report)
     }
 
     fn on_exit(&self, child: usize, status: Option<ExitStatus>) -> Result<(), CommandError> {

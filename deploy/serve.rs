@@ -10,6 +10,7 @@ use manager::backplane::{Addresses, Report};
 use manager::host::camera::CameraFile;
 use proto::pose::Answer;
 use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -231,9 +232,16 @@ fn send_pose(socket: &UdpSocket, packet: &[u8], sequence: u32, lock_step: bool) 
         if !lock_step {
             return;
         }
-        while let Ok(len) = socket.recv(&mut answer) {
-            if Answer::decode(&answer[..len]).is_ok_and(|answer| answer.sequence == sequence) {
-                return;
+        loop {
+            match socket.recv(&mut answer) {
+                Ok(len) if Answer::decode(&answer[..len]).is_ok_and(|answer| answer.sequence == sequence) => return,
+                Ok(_) => {}
+                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => break,
+                // "Refused": nobody listens at present, and the next attempt would fail as fast.
+                Err(_) => {
+                    std::thread::sleep(ANSWER_TIMEOUT);
+                    break;
+                }
             }
         }
     }

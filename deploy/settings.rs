@@ -50,8 +50,12 @@ pub(crate) fn row(args: &RowArgs, mode: Option<ModeArg>, file: &RigFile) -> Resu
     let file_samples = file.row.samples.map(samples).transpose()?;
     let file_size = file.row.size.map(|[width, height]| (width, height));
     let (width, height) = args.size.or(file_size).unwrap_or(SIZE);
+    let count = args.views.or(file.row.views).map_or(VIEWS, std::num::NonZeroU32::get);
+    if count as usize > limits::VIEWS_MAX {
+        return Err(CommandError::said(format!("{count} views; possible are 1 to {}", limits::VIEWS_MAX)));
+    }
     Ok(DefaultRow {
-        count: args.views.or(file.row.views).map_or(VIEWS, std::num::NonZeroU32::get),
+        count,
         width,
         height,
         samples: args.samples.or(file_samples).unwrap_or(SAMPLES),

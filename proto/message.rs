@@ -79,9 +79,7 @@ pub enum ToBoard {
     Chain(ToBoardChain),
     /// Draw a frame. Payload: [`FramePayload`].
     Frame(FrameHeader),
-    /// A frame is over: all displays change.
-    Swap(Swap),
-    /// The rig ends.
+    /// The rig ends, or the board has drained.
     Goodbye,
 }
 
@@ -97,7 +95,7 @@ pub enum FromBoard {
     },
     /// The chain's own messages.
     Chain(FromBoardChain),
-    /// The board's share of every view of this frame is drawn and handed to the compositor's link.
+    /// The board's share of every view of this frame is drawn, and handed to the compositor's link if that is up and keeps pace.
     Ready {
         /// Which frame.
         frame: FrameNumber,

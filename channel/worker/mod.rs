@@ -87,7 +87,11 @@ pub async fn run(
 
     let mut backoff = Backoff::new(u64::from(std::process::id()));
     loop {
-        let end = match Session::open(&config, address).await {
+        let opened = tokio::select! {
+            opened = Session::open(&config, address) => opened,
+            () = shutdown.cancelled() => return Ok(()),
+        };
+        let end = match opened {
             Err(error) => End::Lost(error),
             Ok(session) => {
                 backoff.reset();

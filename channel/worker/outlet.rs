@@ -14,9 +14,9 @@ use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-/// Messages that may wait for the compositor. When there is no room, a frame's tiles are not sent and the next frame's are
+/// Frames that may wait for the compositor. When there is no room, a frame's tiles are not sent and the next frame's are
 /// all sent: a compositor that hangs never holds a board back.
-const QUEUE: usize = 64;
+const QUEUE: usize = 4;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Keeps a link to the compositor at `address` until dropped.
@@ -62,15 +62,14 @@ async fn carry(
     let mut compositor = connected?;
     compositor.send(encode(&TileMessage::Hello { key }, &[])).await?;
     backoff.reset();
-    let (queue, mut waiting) = mpsc::channel::<Bytes>(QUEUE);
+    let (queue, mut waiting) = mpsc::channel::<Vec<Bytes>>(QUEUE);
     if painter.send(Work::Outlet(Some(queue))).is_err() {
         return Ok(());
     }
     let (mut sink, mut source) = compositor.split();
     let writing = async {
-        while let Some(message) = waiting.recv().await {
-            sink.feed(message).await?;
-            while let Ok(message) = waiting.try_recv() {
+        while let Some(messages) = waiting.recv().await {
+            for message in messages {
                 sink.feed(message).await?;
             }
             sink.flush().await?;

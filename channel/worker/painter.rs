@@ -17,7 +17,7 @@ use proto::share::Share;
 use proto::view::{Pose, ViewSetup};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 /// Answers that may wait for the session.
@@ -39,7 +39,7 @@ pub(super) enum Work {
     /// Draw these shares of a frame.
     Frame { header: Box<FrameHeader>, payload: Bytes, shares: Vec<Share> },
     /// The queue to the compositor, or that there is none.
-    Outlet(Option<mpsc::Sender<Bytes>>),
+    Outlet(Option<mpsc::Sender<Vec<Bytes>>>),
     /// The session is over: lists and views are another's from now on. The scene is kept.
     ForgetSession,
 }
@@ -75,6 +75,7 @@ impl Painter {
             outbox,
             outlet: None,
             is_behind: true,
+            sent_epoch: None,
             views: Vec::new(),
             lists: BTreeMap::new(),
             drawn: None,
@@ -85,8 +86,8 @@ impl Painter {
         Ok(Self { work, answers })
     }
 
-    /// Hands work over. The queue is unbounded, but what fills it is not: the backplane sends a scene once, and frames no
-    /// faster than its own bounded queue drains through TCP.
+    /// Hands work over. The queue has no bound of its own: the backplane sends a scene once, and frames at the rig's rate, of
+    /// which all but the newest are only followed.
     pub(super) fn send(&self, work: Work) {
         // If the thread has ended, `painted` says so.
         let _ = self.work.send(work);
@@ -132,9 +133,11 @@ struct Hand {
     renderer: Renderer,
     store: SceneStore,
     outbox: mpsc::Sender<Painted>,
-    outlet: Option<mpsc::Sender<Bytes>>,
+    outlet: Option<mpsc::Sender<Vec<Bytes>>>,
     /// The compositor lacks tiles that were drawn: all must be sent.
     is_behind: bool,
+    /// The wiring under which tiles were sent last.
+    sent_epoch: Option<Epoch>,
     views: Vec<ViewSetup>,
     lists: BTreeMap<ViewId, Vec<SubobjectId>>,
     /// The frame that `pictures` show; `None` also when a list has changed since.
@@ -214,6 +217,7 @@ impl Hand {
                 self.drawn = None;
                 self.outlet = None;
                 self.is_behind = true;
+                self.sent_epoch = None;
                 *job = None;
             }
         }
@@ -224,6 +228,8 @@ impl Hand {
     fn follow(&mut self, header: FrameHeader, payload: &[u8], shares: Vec<Share>) -> Result<Option<Job>, String> {
         let content = FramePayload::decode(&header, payload).map_err(|error| error.to_string())?;
         if let Some(views) = header.views {
+            // The compositor clears its canvas when sizes or places change.
+            self.is_behind |= views.iter().map(shape).ne(self.views.iter().map(shape));
             self.views = views;
         }
         let mut scripts = &content.scripts[..];
@@ -270,7 +276,6 @@ impl Hand {
         let (frame, epoch) = (job.state.frame, job.state.epoch);
         let mut report = BoardReport::default();
         let is_same = self.drawn.as_ref().is_some_and(|drawn| drawn.inputs == job.inputs);
-        let is_rewired = self.drawn.as_ref().is_none_or(|drawn| drawn.epoch != epoch);
         // A view that this board no longer draws must not come back from here later.
         self.pictures.retain(|view, _| job.inputs.shares.iter().any(|share| share.view == *view));
         if is_same {
@@ -285,8 +290,9 @@ impl Hand {
             }
         }
         // The link's epoch is new to the compositor: it has dropped what it had of this board.
-        self.is_behind |= is_rewired;
+        self.is_behind |= self.sent_epoch != Some(epoch);
         let mut changed = BTreeMap::new();
+        let mut comparing = Duration::ZERO;
         for share in job.inputs.shares.iter().filter(|_| !is_same) {
             // A picture without the linear pixels that are now wanted, or with ones that aren't, starts anew.
             if (job.inputs.format == PixelFormat::LinearF32) != self.spare.linear.is_some() {
@@ -301,16 +307,18 @@ impl Hand {
                     return;
                 }
             }
+            let started = Instant::now();
             let before = self.pictures.entry(share.view).or_insert_with(|| blank(job.inputs.format));
             std::mem::swap(before, &mut self.spare);
             let tiles = differing(before, &self.spare, job.inputs.format);
-            report.tiles_unchanged += (before.tiles.len() - tiles.len()) as u64;
+            report.tiles_unchanged += if self.is_behind { 0 } else { (before.tiles.len() - tiles.len()) as u64 };
+            comparing += started.elapsed();
             changed.insert(share.view, tiles);
         }
         let started = Instant::now();
         self.drawn = Some(Drawn { frame, epoch, inputs: job.inputs });
         report.tile_bytes = self.deliver(frame, epoch, Some(&changed));
-        report.transfer_ns = started.elapsed().as_nanos() as u64;
+        report.transfer_ns = (comparing + started.elapsed()).as_nanos() as u64;
         self.answer(Painted::Ready { frame, epoch, report });
     }
 
@@ -339,21 +347,20 @@ impl Hand {
             tile_messages(picture, tiles, *format, &head, &mut messages);
         }
         messages.push(encode(&TileMessage::Done { frame, epoch }, &[]));
-        if outlet.is_closed() || outlet.capacity() < messages.len() {
-            // The compositor hangs or is gone; the board goes on without it.
-            self.is_behind = true;
+        let bytes = messages.iter().map(|message| message.len() as u64).sum();
+        // All or nothing. Without room the compositor hangs or is gone, and the board goes on without it.
+        self.is_behind = outlet.try_send(messages).is_err();
+        if self.is_behind {
             return 0;
         }
-        let bytes = messages.iter().map(|message| message.len() as u64).sum();
-        for message in messages {
-            if outlet.try_send(message).is_err() {
-                self.is_behind = true;
-                return 0;
-            }
-        }
-        self.is_behind = false;
+        self.sent_epoch = Some(epoch);
         bytes
     }
+}
+
+/// What of a view decides where its pixels lie.
+fn shape(setup: &ViewSetup) -> (u32, u32, Option<[u32; 2]>) {
+    (setup.view.width, setup.view.height, setup.at)
 }
 
 /// Refuses a payload that is not what its name says.

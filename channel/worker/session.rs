@@ -136,8 +136,6 @@ impl Session {
             ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
             ToBoard::Chain(message) => self.chain.on_backplane(message),
             ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
-            // Displays of this board change here; boards without one have nothing to do.
-            ToBoard::Swap(_) => {}
         }
         Ok(())
     }

@@ -15,6 +15,7 @@ use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, Fram
 use proto::codec::encode;
 use proto::frame::{FrameState, PixelFormat};
 use proto::ids::{BoardId, BoardKey, FrameNumber, ViewId};
+use proto::limits;
 use proto::message::{
     FrameHeader, FramePayload, FromBoard, FromCompositor, Hello, ListUpdate, Role, Swap, ToBoard, ToCompositor,
 };
@@ -51,7 +52,7 @@ pub(crate) enum Event {
     /// A board said something.
     Board { key: BoardKey, message: FromBoard, payload: Bytes },
     /// The compositor said something.
-    Compositor { message: FromCompositor, payload: Bytes },
+    Compositor { key: BoardKey, message: FromCompositor, payload: Bytes },
     /// The host said something.
     Pose { packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness },
     /// A datagram that is no pose packet.
@@ -116,6 +117,8 @@ pub(crate) struct Engine {
     shown: Option<Source>,
     answered: Option<(SocketAddr, Answer)>,
     last_swap: Option<Swap>,
+    /// What the last frame's pixels are.
+    format: PixelFormat,
     first_open: Option<Time>,
     picture: Option<(FrameNumber, Bytes)>,
     picture_wanted: Option<Time>,
@@ -143,6 +146,7 @@ impl Engine {
             shown: None,
             answered: None,
             last_swap: None,
+            format: PixelFormat::default(),
             first_open: None,
             picture: None,
             picture_wanted: None,
@@ -198,13 +202,19 @@ impl Engine {
         let is_first = self.first_open.is_none();
         let has_boards = self.chain.active().is_some() || self.chain.has_closed();
         let has_enough = !is_first || (self.chain.has_closed() && self.chain.len() >= self.config.wait_for_boards);
-        let has_compositor = !is_first || !self.config.wait_for_compositor || self.compositor.is_some();
+        // In lock-step every frame is to be shown: whoever waits for the compositor once waits for it always.
+        let needs_compositor = self.config.wait_for_compositor && (is_first || self.is_lock_step());
+        let has_compositor = !needs_compositor || self.compositor.is_some();
         let has_pose = match self.config.mode {
             ClockMode::RealTime { .. } => true,
             // A frame that is drawn again has its pose already.
             ClockMode::LockStep => self.fresh.is_some() || self.clock.is_redraw(),
         };
         has_boards && has_enough && has_compositor && has_pose && !self.is_done()
+    }
+
+    fn is_lock_step(&self) -> bool {
+        self.config.mode == ClockMode::LockStep
     }
 
     fn is_done(&self) -> bool {
@@ -220,7 +230,11 @@ impl Engine {
                 self.log("refused", format!("{from}: {error}"));
             }
             Event::Board { key, message, payload } => self.on_board(key, message, &payload),
-            Event::Compositor { message, payload } => self.on_compositor(message, payload),
+            // One that was refused may still be talking.
+            Event::Compositor { key, message, payload } if self.compositor.as_ref().is_some_and(|c| c.key == key) => {
+                self.on_compositor(message, payload);
+            }
+            Event::Compositor { .. } => {}
             Event::Pose { packet, from, received, freshness } => self.on_pose(&packet, from, received, freshness),
             Event::BadPose => self.statistics.dropped.pose_packets += 1,
             // Whoever asked may have gone away meanwhile.
@@ -239,6 +253,12 @@ impl Engine {
 
     fn on_hello(&mut self, key: BoardKey, hello: Hello, from: SocketAddr, outbox: Outbox) {
         match hello.role {
+            Role::Board { .. } if self.boards.len() >= limits::BOARDS_MAX => {
+                let reason = format!("this rig has {} boards already, the most there can be", self.boards.len());
+                outbox.send(encode(&ToBoard::Refused { reason }, &[]));
+                outbox.close();
+                self.log("refused", format!("a board too many, from {from}"));
+            }
             Role::Board { threads, link } => {
                 let compositor = self.compositor.as_ref().map(|c| c.listen.clone());
                 let is_taken = outbox.send(encode(&ToBoard::Welcome { key }, &[]))
@@ -263,7 +283,10 @@ impl Engine {
                 let address = Some(listen.clone());
                 self.compositor = Some(Compositor { key, listen, format, outbox, views: 0 });
                 self.update_compositor_views();
-                if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor) {
+                // Boards keep the last frame's tiles, and in one format only.
+                if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor)
+                    && compositor.format == self.format
+                {
                     compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
                 }
                 self.tell_boards(&ToBoard::Compositor { address });
@@ -292,11 +315,19 @@ impl Engine {
         if let Some(board) = self.boards.remove(&key) {
             self.chain.on_lost(now, key);
             self.clock.on_lost(now, key);
+            // A wiring without it may have closed already, because it asked to leave.
+            if self.chain.has_closed() {
+                self.clock.on_rewired();
+            }
             let event = if board.is_leaving { "left" } else { "lost" };
             self.log(event, format!("board {} ({key:?}): {reason}", board.name));
         } else if self.compositor.as_ref().is_some_and(|compositor| compositor.key == key) {
             self.compositor = None;
-            self.clock.on_compositor_lost();
+            match self.clock.presenting_frame() {
+                // It is drawn again when a compositor is there to show it.
+                Some(frame) if self.config.wait_for_compositor => self.clock.on_missing(frame),
+                _ => self.clock.on_compositor_lost(),
+            }
             self.answer();
             self.tell_boards(&ToBoard::Compositor { address: None });
             self.log("lost", format!("compositor: {reason}"));
@@ -379,8 +410,8 @@ impl Engine {
     /// has shown it.
     fn answer(&mut self) {
         let (Some(source), Some(swap)) = (self.shown, &self.last_swap) else { return };
-        let lock_step = self.config.mode == ClockMode::LockStep;
-        if !source.answer || (lock_step && (self.clock.open_frame().is_some() || self.clock.stuck().is_some())) {
+        let lock_step = self.is_lock_step();
+        if !source.answer || (lock_step && (!self.clock.is_idle() || self.clock.is_redraw())) {
             return;
         }
         let answer = Answer { lock_step, sequence: source.sequence, frame: swap.frame.0 as u32 };
@@ -439,25 +470,23 @@ impl Engine {
         if let Some(source) = &self.shown {
             self.statistics.latency.add(now.since(source.received));
         }
-        let message = encode(&ToBoard::Swap(swap.clone()), &[]);
-        for key in &swap.boards {
-            if let Some(board) = self.boards.get(key) {
-                board.outbox.try_frame(message.clone());
+        match &self.compositor {
+            Some(compositor) if compositor.format == self.format => {
+                compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
             }
-        }
-        if let Some(compositor) = &self.compositor {
-            compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
-        } else {
-            self.clock.on_presented(swap.frame);
+            // It came while the frame was drawn as another kind of pixels; in lock-step the frame is drawn again.
+            Some(_) => self.clock.on_missing(swap.frame),
+            None if self.config.wait_for_compositor => self.clock.on_missing(swap.frame),
+            None => self.clock.on_presented(swap.frame),
         }
         self.last_swap = Some(swap);
-        if self.config.mode != ClockMode::LockStep || self.compositor.is_none() {
+        if !self.is_lock_step() || self.compositor.is_none() {
             self.answer();
         }
     }
 
     fn open_if_due(&mut self) {
-        if self.is_done() && self.clock.open_frame().is_none() && self.clock.stuck().is_none() {
+        if self.is_done() && self.clock.is_idle() {
             self.is_over = true;
             return;
         }
@@ -478,6 +507,12 @@ impl Engine {
         }
         self.statistics.select.add(before_select.elapsed());
         let frame = self.clock.on_open(now, &wiring);
+        // A member that is gone already says nothing any more.
+        for key in &wiring.members {
+            if !self.boards.contains_key(key) {
+                self.clock.on_lost(now, *key);
+            }
+        }
         self.update_compositor_views();
         let before_stream = Instant::now();
         self.stream(frame, &wiring);
@@ -486,7 +521,8 @@ impl Engine {
 
     /// Sends every board its frame.
     fn stream(&mut self, frame: FrameNumber, wiring: &Wiring) {
-        let format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
+        self.format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
+        let format = self.format;
         let Self { boards, director, statistics, .. } = self;
         let state = FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
         for (i, key) in wiring.members.iter().enumerate() {

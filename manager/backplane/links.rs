@@ -140,9 +140,14 @@ async fn serve(
 ) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let greeting = async {
-        let mut link = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
-        let (hello, _) = link::expect::<Hello>(&mut link).await?;
-        Ok::<_, LinkError>((link, hello))
+        // Before a peer has said who it is, it may claim little.
+        let mut opened = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
+        let (hello, _) = link::expect::<Hello>(&mut opened).await?;
+        opened.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
+        // Addresses go out again in messages of bounded length.
+        let (Role::Board { link: address, .. } | Role::Compositor { listen: address, .. }) = &hello.role;
+        codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
+        Ok::<_, LinkError>((opened, hello))
     };
     let Ok(greeted) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else {
         return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
@@ -160,8 +165,9 @@ async fn serve(
     }
     let (sink, source) = link.split();
     let writer = tokio::spawn(write(sink, waiting, content, cut.clone()));
-    let reading =
-        async { if is_board { read_board(source, key, engine).await } else { read_compositor(source, engine).await } };
+    let reading = async {
+        if is_board { read_board(source, key, engine).await } else { read_compositor(source, key, engine).await }
+    };
     let ended = tokio::select! {
         ended = reading => ended,
         () = cut.cancelled() => Ok(()),
@@ -189,10 +195,11 @@ async fn read_board(
 
 async fn read_compositor(
     mut source: SplitStream<Link<TcpStream>>,
+    key: BoardKey,
     engine: &SyncSender<Event>,
 ) -> Result<(), LinkError> {
     while let Some((message, payload)) = link::receive::<FromCompositor>(&mut source).await? {
-        if !post(engine, Event::Compositor { message, payload }).await {
+        if !post(engine, Event::Compositor { key, message, payload }).await {
             break;
         }
     }

@@ -188,15 +188,17 @@ pub(crate) struct Statistics {
 
 impl Statistics {
     pub(crate) fn on_board_report(&mut self, report: &BoardReport) {
-        self.triangles += report.triangles;
-        self.fragments += report.fragments;
-        self.bytes_from_boards += report.tile_bytes;
-        self.skipped.backface += report.backface;
-        self.skipped.occluded += report.occluded;
-        self.skipped.tiles_opaque += report.tiles_opaque;
-        self.skipped.pixels_single += report.pixels_single;
-        self.skipped.tiles_unchanged += report.tiles_unchanged;
-        self.skipped.frames_unchanged += report.frames_unchanged;
+        // A board may say any number; a sum that can't be told any more is no reason to end the rig.
+        let add = |sum: &mut u64, count: u64| *sum = sum.saturating_add(count);
+        add(&mut self.triangles, report.triangles);
+        add(&mut self.fragments, report.fragments);
+        add(&mut self.bytes_from_boards, report.tile_bytes);
+        add(&mut self.skipped.backface, report.backface);
+        add(&mut self.skipped.occluded, report.occluded);
+        add(&mut self.skipped.tiles_opaque, report.tiles_opaque);
+        add(&mut self.skipped.pixels_single, report.pixels_single);
+        add(&mut self.skipped.tiles_unchanged, report.tiles_unchanged);
+        add(&mut self.skipped.frames_unchanged, report.frames_unchanged);
         if report.frames_unchanged == 0 {
             self.geometry.add(Duration::from_nanos(report.geometry_ns));
             self.raster.add(Duration::from_nanos(report.raster_ns));

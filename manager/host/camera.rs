@@ -206,6 +206,27 @@ impl CameraFile {
             if pose.tangents.is_some_and(|tangents| !tangents.is_valid()) {
                 return Err(fail("tangents: left < right and bottom < top must hold".into()));
             }
+            // Finite, and near enough that a clock can wait for it.
+            if pose.t.is_some_and(|t| t.is_nan() || t.abs() > 1e9) {
+                return Err(fail("t must be a number of seconds between -1e9 and 1e9".into()));
+            }
+            if !pose.lens(1, 1).is_valid() {
+                return Err(fail("the field of view is too wide".into()));
+            }
+            if pose.entities.len() > limits::POSE_ENTITIES_MAX || pose.versions.len() > limits::POSE_MODELS_MAX {
+                let (entities, models) = (limits::POSE_ENTITIES_MAX, limits::POSE_MODELS_MAX);
+                return Err(fail(format!("at most {entities} entities and {models} models fit one pose")));
+            }
+            for (node, weights) in &pose.versions {
+                let is_mixture =
+                    weights.iter().all(|w| (0.0..=1.0).contains(w)) && weights.iter().sum::<f64>() < 1.0 + 1e-6;
+                if !is_mixture || weights.len() > limits::VERSIONS_MAX {
+                    return Err(fail(format!(
+                        "versions of {node:?}: at most {} weights, each 0 to 1, together at most 1",
+                        limits::VERSIONS_MAX
+                    )));
+                }
+            }
             for entity in &pose.entities {
                 let q = DQuat::from_array(entity.orientation);
                 Pose::checked(DVec3::from_array(entity.position), q)

@@ -5,6 +5,7 @@
 
 use super::{FromBoardChain, Left, Side, ToBoardChain};
 use crate::ids::{BoardId, BoardKey, Epoch, FrameNumber};
+use crate::limits;
 use crate::message::NeighbourMessage;
 use std::collections::VecDeque;
 
@@ -76,12 +77,13 @@ impl BoardChain {
     pub fn on_backplane(&mut self, message: ToBoardChain) {
         match message {
             ToBoardChain::Wire { epoch, left, right } => self.on_wire(epoch, left, right),
-            ToBoardChain::Id { epoch, id } => {
+            ToBoardChain::Id { epoch, id } if (id as usize) < limits::BOARDS_MAX => {
                 if let Some(seat) = self.seat.as_mut().filter(|s| s.epoch == epoch && s.left_board.is_none()) {
                     seat.id.get_or_insert(id);
                     self.advance();
                 }
             }
+            ToBoardChain::Id { .. } => {}
             ToBoardChain::Activate { epoch, frame, weights } => {
                 let Some(seat) = self.seat.as_ref().filter(|seat| seat.epoch == epoch) else { return };
                 let (Some(id), Some(total)) = (seat.id, seat.total) else { return };
@@ -117,13 +119,15 @@ impl BoardChain {
                     self.take_right(epoch, key, link);
                 }
             }
-            NeighbourMessage::Id { epoch, id } => {
+            NeighbourMessage::Id { epoch, id } if (id as usize) < limits::BOARDS_MAX => {
                 let from_left = |seat: &&mut Seat| seat.epoch == epoch && seat.left_link == Some(link);
                 if let Some(seat) = self.seat.as_mut().filter(from_left) {
                     seat.id.get_or_insert(id);
                     self.advance();
                 }
             }
+            // No row is that long.
+            NeighbourMessage::Id { .. } => {}
             NeighbourMessage::Total { epoch, total } => {
                 let from_right = |seat: &&mut Seat| seat.epoch == epoch && seat.right_link == Some(link);
                 if let Some(seat) = self.seat.as_mut().filter(from_right) {

@@ -45,15 +45,6 @@ pub enum ClockOutput {
     },
 }
 
-/// What a frame waits for; for people.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Stuck {
-    /// For these boards.
-    Boards(Vec<BoardKey>),
-    /// For the compositor.
-    Compositor,
-}
-
 #[derive(Clone, Debug)]
 struct Open {
     frame: FrameNumber,
@@ -71,8 +62,8 @@ pub struct FrameClock {
     next_frame: FrameNumber,
     next_tick: Time,
     open: Option<Open>,
-    /// Lock-step: the frame that the compositor is to show before the next opens.
-    presenting: Option<FrameNumber>,
+    /// Lock-step: the frame that the compositor is to show before the next opens, and whose tiles make it up.
+    presenting: Option<(FrameNumber, Vec<BoardKey>)>,
     /// Lock-step: the next frame has been open before.
     is_redraw: bool,
     views: u32,
@@ -175,10 +166,18 @@ impl FrameClock {
     /// A board is gone. In real time the frame no longer waits for it; its views repeat.
     pub fn on_lost(&mut self, now: Time, key: BoardKey) {
         if let Some(open) = &mut self.open
-            && open.waiting.remove(&key)
+            && open.wiring.members.contains(&key)
         {
-            open.lost.insert(key);
-            self.settle(now);
+            // Even if it was ready: tiles that were under way went with its link.
+            open.waiting.remove(&key);
+            if open.lost.insert(key) {
+                self.settle(now);
+            }
+        }
+        if let Some((frame, boards)) = &self.presenting
+            && boards.contains(&key)
+        {
+            self.on_missing(*frame);
         }
     }
 
@@ -198,18 +197,23 @@ impl FrameClock {
 
     /// The compositor has shown a frame, or there is none to wait for.
     pub fn on_presented(&mut self, frame: FrameNumber) {
-        if self.presenting.is_some_and(|presenting| presenting <= frame) {
+        if self.presenting.as_ref().is_some_and(|(presenting, _)| *presenting <= frame) {
             self.presenting = None;
         }
     }
 
     /// The compositor can't show a frame, for tiles were lost with a link: in lock-step it is drawn again.
     pub fn on_missing(&mut self, frame: FrameNumber) {
-        if self.presenting == Some(frame) {
+        if self.presenting_frame() == Some(frame) {
             self.presenting = None;
             self.next_frame = frame;
             self.is_redraw = true;
         }
+    }
+
+    /// Lock-step: the frame that the compositor is to show.
+    pub fn presenting_frame(&self) -> Option<FrameNumber> {
+        self.presenting.as_ref().map(|(frame, _)| *frame)
     }
 
     /// The compositor is gone: nothing waits for it.
@@ -229,13 +233,9 @@ impl FrameClock {
         }
     }
 
-    /// What the clock waits for at present.
-    pub fn stuck(&self) -> Option<Stuck> {
-        match (&self.open, self.presenting) {
-            (Some(open), _) => Some(Stuck::Boards(open.waiting.iter().chain(&open.lost).copied().collect())),
-            (None, Some(_)) => Some(Stuck::Compositor),
-            (None, None) => None,
-        }
+    /// Whether no frame is being drawn or waits to be shown.
+    pub fn is_idle(&self) -> bool {
+        self.open.is_none() && self.presenting.is_none()
     }
 
     /// The next thing to do; `None`: wait.
@@ -268,7 +268,7 @@ impl FrameClock {
             }
         }
         let late = complete.iter().any(|c| !c);
-        let boards = open
+        let boards: Vec<_> = open
             .wiring
             .members
             .iter()
@@ -276,7 +276,7 @@ impl FrameClock {
             .filter(|key| !open.waiting.contains(key) && !open.lost.contains(key))
             .collect();
         if self.mode == ClockMode::LockStep {
-            self.presenting = Some(open.frame);
+            self.presenting = Some((open.frame, boards.clone()));
         }
         self.outputs.push_back(ClockOutput::Swap {
             swap: Swap { frame: open.frame, epoch: open.wiring.epoch, complete, boards, preview: false },

@@ -19,7 +19,7 @@ mod rate;
 
 pub use backplane::{BackplaneChain, BackplaneOutput, Wiring};
 pub use board::{BoardChain, BoardOutput, LinkId, Place};
-pub use frame_clock::{ClockMode, ClockOutput, FrameClock, Stuck};
+pub use frame_clock::{ClockMode, ClockOutput, FrameClock};
 pub use rate::RateControl;
 
 use crate::ids::{BoardKey, Epoch, FrameNumber};

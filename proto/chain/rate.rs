@@ -56,7 +56,8 @@ impl RateControl {
     /// A frame was not complete when it was due.
     pub fn on_late(&mut self) {
         self.calm = 0;
-        self.late += 1;
+        // Bounded, or the lowest rate's late frames would weigh on the recovery.
+        self.late = (self.late + 1).min(LATE_LIMIT);
         if self.late >= LATE_LIMIT && self.divider < DIVIDER_MAX {
             self.late = 0;
             self.divider *= 2;

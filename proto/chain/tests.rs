@@ -310,6 +310,28 @@ fn lock_step_draws_a_frame_again_when_its_board_died() {
     assert!(clock.wants_open(Time(6)));
 }
 
+/// Found by review: a board that had said ready and died before the others left a swap that nobody could carry out.
+#[test]
+fn lock_step_draws_again_when_a_board_dies_after_it_was_ready() {
+    let both = Wiring { epoch: Epoch(1), members: vec![BoardKey(1), BoardKey(2)], weights: vec![1, 1] };
+    let mut clock = FrameClock::new(ClockMode::LockStep, FrameNumber(0), 1);
+    clock.on_open(Time(0), &both);
+    clock.on_ready(Time(1), BoardKey(1), FrameNumber(0), Epoch(1));
+    clock.on_lost(Time(2), BoardKey(1));
+    clock.on_ready(Time(3), BoardKey(2), FrameNumber(0), Epoch(1));
+    assert_eq!(clock.poll_output(), None, "its tiles went with its link");
+    assert!(clock.on_rewired() && clock.is_redraw());
+
+    // And one that dies while the compositor still waits for its tiles.
+    clock.on_open(Time(4), &both);
+    for key in [1, 2] {
+        clock.on_ready(Time(5), BoardKey(key), FrameNumber(0), Epoch(1));
+    }
+    assert!(clock.poll_output().is_some() && !clock.is_idle());
+    clock.on_lost(Time(6), BoardKey(2));
+    assert!(clock.is_idle() && clock.is_redraw() && clock.next_frame() == FrameNumber(0));
+}
+
 proptest! {
     #[test]
     fn whatever_comes_and_goes_the_row_settles_on_the_boards_that_are_there(
