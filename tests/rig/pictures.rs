@@ -1,6 +1,7 @@
 //! The stitched pictures don't depend on how many boards drew them, nor on who died meanwhile.
 
-use crate::program::{files, fly, kill, wait_for};
+use crate::program::{files, fly, is_alive, wait_for};
+use rustix::process::Signal;
 use std::process::Stdio;
 
 const FLIGHT: [&str; 8] = ["--frames", "12", "--views", "3", "--size", "160x90", "--samples", "4"];
@@ -30,40 +31,54 @@ fn one_two_three_and_five_boards_write_the_same_bytes() {
     }
 }
 
-#[test]
-fn a_board_killed_in_mid_flight_changes_no_written_picture() {
-    let args = ["--frames", "60", "--views", "2", "--size", "160x90", "--samples", "1", "--boards", "3"];
+/// Flies in lock-step while boards go, each `(after this picture, by this signal)`; the pictures must be those of an undisturbed flight.
+fn disturbed(boards: &str, departures: &[(usize, Signal)]) {
+    let args = ["--frames", "60", "--views", "2", "--size", "160x90", "--samples", "1", "--boards", boards];
     let undisturbed = tempfile::tempdir().unwrap();
     fly(undisturbed.path(), &args);
 
-    let disturbed = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().unwrap();
     let mut rig = crate::program::cyclorama()
         .args(["rig", "--json", "--console", "off", "--out"])
-        .arg(disturbed.path())
+        .arg(folder.path())
         .args(args)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    wait_for("the fifth picture", || disturbed.path().join("frame-00005.png").exists().then_some(()));
     let own = rig.id();
-    let board = wait_for("a board", || {
-        let text = std::fs::read_to_string(format!("/proc/{own}/task/{own}/children")).ok()?;
-        let is_board = |pid: &u32| {
-            std::fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|c| c.contains("\0channel\0"))
-        };
-        text.split_whitespace().filter_map(|pid| pid.parse().ok()).find(is_board)
-    });
-    kill(board);
-    let output = {
-        let mut text = String::new();
-        std::io::Read::read_to_string(rig.stdout.as_mut().unwrap(), &mut text).unwrap();
-        assert!(rig.wait().unwrap().success());
-        text
-    };
+    for (picture, signal) in departures {
+        let file = folder.path().join(format!("frame-{picture:05}.png"));
+        wait_for("a picture", || file.exists().then_some(()));
+        let board = wait_for("a board", || {
+            let text = std::fs::read_to_string(format!("/proc/{own}/task/{own}/children")).ok()?;
+            let is_board = |pid: &u32| {
+                let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+                command.contains("\0channel\0") && is_alive(*pid)
+            };
+            text.split_whitespace().filter_map(|pid| pid.parse().ok()).find(is_board)
+        });
+        let pid = rustix::process::Pid::from_raw(board as i32).unwrap();
+        rustix::process::kill_process(pid, *signal).unwrap();
+        wait_for("its end", || (!is_alive(board)).then_some(()));
+    }
+    let mut output = String::new();
+    std::io::Read::read_to_string(rig.stdout.as_mut().unwrap(), &mut output).unwrap();
+    assert!(rig.wait().unwrap().success(), "{output}");
     let stats: serde_json::Value = serde_json::from_str(&output).unwrap();
-    assert_eq!(stats["boards"], 2, "one of three was killed: {output}");
-    assert_eq!(files(disturbed.path()), files(undisturbed.path()));
+    let left = boards.parse::<usize>().unwrap() - departures.len();
+    assert_eq!(stats["boards"], left, "so many are left: {output}");
+    assert_eq!(files(folder.path()), files(undisturbed.path()));
+}
+
+#[test]
+fn a_board_killed_in_mid_flight_changes_no_written_picture() {
+    disturbed("3", &[(5, Signal::KILL)]);
+}
+
+#[test]
+fn boards_that_are_killed_and_asked_to_go_one_after_the_other_change_no_written_picture() {
+    disturbed("5", &[(3, Signal::KILL), (12, Signal::TERM), (20, Signal::KILL), (30, Signal::TERM)]);
 }
 
 #[test]
