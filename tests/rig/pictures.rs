@@ -68,7 +68,7 @@ fn disturbed(boards: &str, departures: &[(usize, Signal)]) {
     let stats: serde_json::Value = serde_json::from_str(&output).unwrap();
     let left = boards.parse::<usize>().unwrap() - departures.len();
     assert_eq!(stats["boards"], left, "so many are left: {output}");
-    assert_eq!(files(folder.path()), files(undisturbed.path()));
+    assert_eq!(files(folder.path()), files(undisturbed.path()), "{departures:?}");
 }
 
 #[test]
