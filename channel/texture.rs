@@ -42,10 +42,10 @@ pub enum TextureError {
 }
 
 /// Texels of the level in use across the narrower side of a pixel's parallelogram, at least (up to twice as many).
-const ACROSS: f64 = 4.0;
+const ACROSS: f64 = 2.0;
 
 /// Texels of the level in use along the longer side of it, at most (and at least half as many where that is the limit).
-const ALONG_MAX: f64 = 32.0;
+const ALONG_MAX: f64 = 16.0;
 
 /// Places that a pixel is looked at, at most.
 const PLACES_MAX: u32 = 256;
@@ -155,14 +155,15 @@ impl Level {
         self.texels[y * self.width as usize + x].map(f32::from)
     }
 
-    /// Four texels mixed, in 1/65 535, at a place counted from the centre of the first texel.
-    #[inline]
-    fn bilinear(&self, [u, v]: [Axis; 2], x: i64, y: i64) -> [f32; 4] {
-        let part = |c: i64| (c & ((1 << FRACTION_BITS) - 1)) as f32 * (1.0 / (1u32 << FRACTION_BITS) as f32);
+    /// Four texels mixed, in 1/65 535, at a place counted from the centre of the first texel. `u` and `v` say which
+    /// texel a place of the endless row is.
+    #[inline(always)]
+    fn bilinear(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, x: i64, y: i64) -> [f32; 4] {
+        let part = |c: i64| (c & ((1 << FRACTION_BITS) - 1)) as i32 as f32 * (1.0 / (1u32 << FRACTION_BITS) as f32);
         let (fx, fy) = (part(x), part(y));
         let (x0, y0) = ((x >> FRACTION_BITS) as i32, (y >> FRACTION_BITS) as i32);
-        let (left, right) = (u.texel(x0), u.texel(x0 + 1));
-        let (above, below) = (v.texel(y0), v.texel(y0 + 1));
+        let (left, right) = (u(x0), u(x0 + 1));
+        let (above, below) = (v(y0), v(y0 + 1));
         let (a, b) = (self.texel(left, above), self.texel(right, above));
         let (c, d) = (self.texel(left, below), self.texel(right, below));
         std::array::from_fn(|k| {
@@ -172,9 +173,28 @@ impl Level {
         })
     }
 
-    #[inline]
-    fn nearest(&self, [u, v]: [Axis; 2], x: i64, y: i64) -> [f32; 4] {
-        self.texel(u.texel((x >> FRACTION_BITS) as i32), v.texel((y >> FRACTION_BITS) as i32))
+    #[inline(always)]
+    fn nearest(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, x: i64, y: i64) -> [f32; 4] {
+        self.texel(u((x >> FRACTION_BITS) as i32), v((y >> FRACTION_BITS) as i32))
+    }
+
+    /// The sum over a grid that is covered all over, linear.
+    #[inline(always)]
+    fn sum(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, grid: &Grid) -> [f32; 4] {
+        let mut sum = [0.0f32; 4];
+        let [mut row_x, mut row_y] = grid.first;
+        for _ in 0..grid.counts[1] {
+            let (mut x, mut y) = (row_x, row_y);
+            for _ in 0..grid.counts[0] {
+                let texel = self.bilinear(u, v, x, y);
+                for k in 0..4 {
+                    sum[k] += texel[k];
+                }
+                (x, y) = (x + grid.column_step[0], y + grid.column_step[1]);
+            }
+            (row_x, row_y) = (row_x + grid.row_step[0], row_y + grid.row_step[1]);
+        }
+        sum
     }
 
     /// One place, as this filter reads it.
@@ -182,10 +202,35 @@ impl Level {
         let axes = self.axes(usage);
         let [x, y] = [axes[0].along(at[0]), axes[1].along(at[1])];
         let sum = match filter {
-            Filter::Linear => self.bilinear(axes, fixed(x - 0.5), fixed(y - 0.5)),
-            Filter::Nearest => self.nearest(axes, fixed(x), fixed(y)),
+            Filter::Linear => {
+                self.bilinear(&|i| axes[0].texel(i), &|i| axes[1].texel(i), fixed(x - 0.5), fixed(y - 0.5))
+            }
+            Filter::Nearest => self.nearest(&|i| axes[0].texel(i), &|i| axes[1].texel(i), fixed(x), fixed(y)),
         };
         sum.map(|c| c * UNIT)
+    }
+}
+
+/// Places on a level, coordinates in texels as integers.
+#[derive(Clone, Copy, Debug)]
+struct Grid {
+    first: [i64; 2],
+    column_step: [i64; 2],
+    row_step: [i64; 2],
+    /// Columns, rows.
+    counts: [u32; 2],
+}
+
+impl Grid {
+    /// Whether all places lie between texels that the level has, so that nothing wraps.
+    fn is_within(&self, side: [u32; 2]) -> bool {
+        [0, 1].into_iter().all(|k| {
+            let ways =
+                [self.column_step[k] * i64::from(self.counts[0] - 1), self.row_step[k] * i64::from(self.counts[1] - 1)];
+            let low = self.first[k] + ways[0].min(0) + ways[1].min(0);
+            let high = self.first[k] + ways[0].max(0) + ways[1].max(0);
+            low >= 0 && (high >> FRACTION_BITS) + 1 < i64::from(side[k])
+        })
     }
 }
 
@@ -363,6 +408,21 @@ impl MipTexture {
         });
         let column_step = [0, 1].map(|k| fixed(slopes[k][0] * per_column * side[k]));
         let row_step = [0, 1].map(|k| fixed(slopes[k][1] * per_row * side[k]));
+        if filter == Filter::Linear && covered.is_none() {
+            let grid = Grid { first, column_step, row_step, counts: [columns, rows] };
+            let is_masked = axes.iter().all(|a| a.is_power_of_two && a.wrap == Wrap::Repeat);
+            let [mask_u, mask_v] = axes.map(|a| a.side - 1);
+            let sum = if grid.is_within([level.width, level.height]) {
+                level.sum(&|i| i as usize, &|i| i as usize, &grid)
+            } else if is_masked {
+                level.sum(&|i| (i & mask_u) as usize, &|i| (i & mask_v) as usize, &grid)
+            } else {
+                level.sum(&|i| axes[0].texel(i), &|i| axes[1].texel(i), &grid)
+            };
+            let scale = UNIT / (columns * rows) as f32;
+            return sum.map(|c| c * scale);
+        }
+        let (u, v) = (|i| axes[0].texel(i), |i| axes[1].texel(i));
         let mut sum = [0.0f32; 4];
         let mut count = 0u32;
         let [mut row_x, mut row_y] = first;
@@ -371,8 +431,8 @@ impl MipTexture {
             for column in 0..columns {
                 if covered.as_ref().is_none_or(|covered| covered(column, columns, row, rows)) {
                     let texel = match filter {
-                        Filter::Linear => level.bilinear(axes, x, y),
-                        Filter::Nearest => level.nearest(axes, x, y),
+                        Filter::Linear => level.bilinear(&u, &v, x, y),
+                        Filter::Nearest => level.nearest(&u, &v, x, y),
                     };
                     for k in 0..4 {
                         sum[k] += texel[k];
