@@ -6,7 +6,7 @@
 //!
 //! Attributes are interpolated perspectively: the barycentric numerators are edge functions of the rounded vertices, exact
 //! integers, times the corners' inverse distances, divided by their sum. Texture gradients come from the same planes,
-//! analytically, so that a pixel's mip level depends on nothing but the pixel and the face. What a face needs for this is
+//! analytically, so that a pixel's footprint in a texture depends on nothing but the pixel and the face. What a face needs for this is
 //! prepared once per tile and kept in a small cache.
 
 use crate::geometry::camera::Camera;
@@ -16,7 +16,7 @@ use crate::lights::Light;
 use crate::raster::coverage::Edges;
 use crate::resolve::background::fog;
 use crate::samples::{Pattern, SUBPIXELS};
-use crate::texture::{MipTexture, detail};
+use crate::texture::{Footprint, MipTexture, detail};
 use glam::DVec3;
 use proto::frame::Environment;
 use proto::scene::{Mesh, TextureUse};
@@ -79,7 +79,7 @@ impl<'a> Shader<'a> {
         }
         let point = self.shading_point(&face.edges, number, x, y);
         let face = faces.of(self, point.triangle);
-        face.colour(self, point.x, point.y)
+        face.colour(self, point.x, point.y, [x, y])
     }
 
     /// Of the samples `mask` of a pixel, those at which the surface is within the range of visibility.
@@ -108,9 +108,11 @@ impl<'a> Shader<'a> {
         if let Some(colour) = face.constant {
             return if colour[3] >= cutoff { mask } else { 0 };
         }
-        // One mip level for the whole pixel, that of the point where its colour is taken.
+        // One mip level for the whole pixel, that of the point where its colour is taken; a sample is worth its share of
+        // the pixel, a power of two: 1/√n as wide.
         let point = self.shading_point(&face.edges, number, x, y);
         let level = faces.of(self, point.triangle).base_level(self, point.x, point.y);
+        let level = level - 0.5 * self.pattern.count.trailing_zeros() as f32;
         let face = faces.of(self, number);
         let mut reached = 0;
         let mut rest = mask;
@@ -307,19 +309,20 @@ impl Face {
         face
     }
 
-    /// Linear RGB, faded, and alpha at a sub-pixel position on the face.
-    fn colour(&self, shader: &Shader<'_>, x: i32, y: i32) -> [f32; 4] {
+    /// Linear RGB, faded, and alpha at a sub-pixel position on the face, textures averaged over the pixel whose upper
+    /// left is `pixel`.
+    fn colour(&self, shader: &Shader<'_>, x: i32, y: i32, pixel: [i32; 2]) -> [f32; 4] {
         let place = self.place(x, y);
         let mut colour = self.constant.unwrap_or_else(|| {
             let weights = place.weights();
             let mut base = self.base_at(weights);
             let mut emissive = self.emissive;
             if self.uv[0].is_some() {
-                let texel = self.texel(shader, 0, &place, weights, None);
+                let texel = self.averaged(shader, 0, &place, weights, [x, y], pixel);
                 base = std::array::from_fn(|c| base[c] * texel[c]);
             }
             if self.uv[1].is_some() {
-                let texel = self.texel(shader, 1, &place, weights, None);
+                let texel = self.averaged(shader, 1, &place, weights, [x, y], pixel);
                 emissive = std::array::from_fn(|c| emissive[c] * texel[c]);
             }
             let normal = if self.is_smooth {
@@ -373,7 +376,9 @@ impl Face {
         let place = self.place(x, y);
         let weights = place.weights();
         let alpha = self.base_at(weights)[3];
-        if self.uv[0].is_none() { alpha } else { alpha * self.texel(shader, 0, &place, weights, Some(level))[3] }
+        let Some((texture, usage, uv)) = self.texture(shader, 0) else { return alpha };
+        let [u, v] = mixed(uv, weights);
+        alpha * texture.sample(usage, u, v, level)[3]
     }
 
     #[inline]
@@ -399,43 +404,70 @@ impl Face {
 
     /// The mip level at which the base texture is read at a sub-pixel position.
     fn base_level(&self, shader: &Shader<'_>, x: i32, y: i32) -> f32 {
-        let (Some(uv), Some(texture)) = (self.uv[0], shader.items[self.item as usize].base_texture) else { return 0.0 };
+        let Some((texture, _, uv)) = self.texture(shader, 0) else { return 0.0 };
         let place = self.place(x, y);
-        let w = place.weights();
-        let at = [0, 1].map(|axis| uv[0][axis] * w[0] + uv[1][axis] * w[1] + uv[2][axis] * w[2]);
-        self.level(texture, 0, &place, at)
+        let [du, dv] = self.slopes(0, &place, mixed(uv, place.weights()));
+        detail(texture.size(), du, dv)
     }
 
-    /// What texture `which` shows there, at the given level or at the one of the pixel's footprint there.
-    fn texel(
+    /// The base texture (0) or the emissive one (1), if there is one, and its coordinates at the corners.
+    #[inline]
+    fn texture<'a>(
         &self,
-        shader: &Shader<'_>,
+        shader: &Shader<'a>,
         which: usize,
-        place: &Place,
-        weights: [f64; 3],
-        level: Option<f32>,
-    ) -> [f32; 4] {
+    ) -> Option<(&'a MipTexture, &'a TextureUse, [[f64; 2]; 3])> {
         let item = &shader.items[self.item as usize];
         let material = &item.stored.mesh.material;
         let (texture, usage) = match which {
             0 => (item.base_texture, &material.base_texture),
             _ => (item.emissive_texture, &material.emissive_texture),
         };
-        let (Some(texture), Some(usage), Some(uv)) = (texture, usage, self.uv[which]) else { return [1.0; 4] };
-        let at = |axis: usize| uv[0][axis] * weights[0] + uv[1][axis] * weights[1] + uv[2][axis] * weights[2];
-        let (u, v) = (at(0), at(1));
-        let level = level.unwrap_or_else(|| self.level(texture, which, place, [u, v]));
-        texture.sample(usage, u, v, level)
+        Some((texture?, usage.as_ref()?, self.uv[which]?))
     }
 
-    /// The mip level at a place with coordinates `at`: u = U/S with U and S affine on the screen, so du = (dU − u dS)/S.
-    fn level(&self, texture: &MipTexture, which: usize, place: &Place, at: [f64; 2]) -> f32 {
-        let scale = f64::from(SUBPIXELS) / place.sum;
-        let slope = |axis: usize, direction: usize| {
-            (self.uv_steps[which][axis][direction] - at[axis] * self.sum_steps[direction]) * scale
+    /// What texture `which` shows on the face in a pixel, seen from a sub-pixel position on the face in it.
+    fn averaged(
+        &self,
+        shader: &Shader<'_>,
+        which: usize,
+        place: &Place,
+        weights: [f64; 3],
+        [x, y]: [i32; 2],
+        pixel: [i32; 2],
+    ) -> [f32; 4] {
+        let Some((texture, usage, uv)) = self.texture(shader, which) else { return [1.0; 4] };
+        let at = mixed(uv, weights);
+        let [du, dv] = self.slopes(which, place, at);
+        let part = |sub: i32| f64::from(sub) * (1.0 / f64::from(SUBPIXELS));
+        let footprint = Footprint { at, place: [part(x - pixel[0]), part(y - pixel[1])], du, dv };
+        let half = SUBPIXELS as u32 / 2;
+        let covered = |column: u32, columns: u32, row: u32, rows: u32| {
+            // The middle of a cell, in whole sub-pixels.
+            let [dx, dy] = [(2 * column + 1) * half / columns, (2 * row + 1) * half / rows];
+            self.edges.covers(pixel[0] + dx as i32, pixel[1] + dy as i32)
         };
-        detail(texture.size(), [slope(0, 0), slope(0, 1)], [slope(1, 0), slope(1, 1)])
+        let corners = [[0, 0], [SUBPIXELS, 0], [0, SUBPIXELS], [SUBPIXELS, SUBPIXELS]];
+        let is_full = corners.iter().all(|[dx, dy]| self.edges.covers(pixel[0] + dx, pixel[1] + dy));
+        texture.average(usage, &footprint, (!is_full).then_some(covered))
     }
+
+    /// Change of u and of v per pixel, to the right and downwards, at a place with coordinates `at`: u = U/S with U and S affine
+    /// on the screen, so du = (dU − u dS)/S.
+    #[inline]
+    fn slopes(&self, which: usize, place: &Place, at: [f64; 2]) -> [[f64; 2]; 2] {
+        let scale = f64::from(SUBPIXELS) / place.sum;
+        [0, 1].map(|axis| {
+            [0, 1]
+                .map(|direction| (self.uv_steps[which][axis][direction] - at[axis] * self.sum_steps[direction]) * scale)
+        })
+    }
+}
+
+/// The mean of the corners' coordinates with these weights.
+#[inline]
+fn mixed(uv: [[f64; 2]; 3], weights: [f64; 3]) -> [f64; 2] {
+    [0, 1].map(|axis| uv[0][axis] * weights[0] + uv[1][axis] * weights[1] + uv[2][axis] * weights[2])
 }
 
 /// Change of a corner's part (see [`Place`]) per sub-pixel, to the right and downwards, for each corner.

@@ -1,14 +1,17 @@
 //! Textures: what a pixel sees of a picture on a surface.
 //!
-//! The truth is the base level averaged over the pixel. Where a texel is larger than a pixel that is the base level
-//! itself, interpolated (or the nearest texel where the file asks for it); where it is smaller, a chain of halved copies
-//! (mip-maps) stands for the average, read trilinearly: bilinearly in the two copies whose texels are next in size, mixed
-//! by the logarithm of the footprint.
+//! The truth is the base level averaged over the pixel. A pixel sees a parallelogram of the texture, and it is looked at
+//! in a grid of places on it, so close together that none is left out, in the copy (mip-map) whose texels are a
+//! fraction of the parallelogram's width: so nothing from outside bleeds in, however slanted it is. Where the texture is
+//! magnified, the places are in the base level, interpolated (or the nearest texel where the file asks for it); one is
+//! enough where the pixel lies between the same four texels all over. In a pixel that the face covers in part only
+//! places on the face count: what lies beside it in the texture is something else.
 //!
-//! Everything is filtered in linear light: the base level is kept as the file's bytes and decoded texel by texel through a
-//! table; the copies are kept as linear 16-bit numbers, 1/20 of an 8-bit sRGB step at worst. A copy's texel is the exact
-//! area mean of what it covers, also where a side is odd: then up to three texels count per axis, with the weights of
-//! their overlap. Alpha is averaged as a channel of its own, as glTF's straight alpha has it.
+//! Everything is filtered in linear light: levels are kept as linear 16-bit numbers, 1/20 of an 8-bit sRGB step at
+//! worst. A copy's texel is the exact area mean of what it covers, also where a side is odd: then up to three texels count
+//! per axis, with the weights of their overlap. Alpha is averaged as a channel of its own, as glTF's straight alpha has it.
+//! Places are counted in integers and added in a fixed order; levels are chosen by a number's exponent: the same bytes
+//! everywhere.
 
 use crate::resolve::colour::decode_srgb;
 use proto::limits::TEXTURE_SIZE_MAX;
@@ -38,53 +41,201 @@ pub enum TextureError {
     },
 }
 
+/// Texels of the level in use across the narrower side of a pixel's parallelogram, at least (up to twice as many).
+const ACROSS: f64 = 2.0;
+
+/// Texels of the level in use along the longer side of it, at most (and at least half as many where that is the limit).
+const ALONG_MAX: f64 = 16.0;
+
+/// Places that a pixel is looked at, at most.
+const PLACES_MAX: u32 = 256;
+
+/// Fewest places per side of a pixel that a face covers in part.
+const PLACES_PARTIAL: u32 = 4;
+
+/// Places per side of a pixel that sees a border of texels that aren't interpolated.
+const PLACES_NEAREST: u32 = 8;
+
+/// Of a texel: what pixels see that are smaller is the same all over.
+const TINY: f64 = 1.0 / 16.0;
+
+/// Fractional bits of a coordinate in texels.
+const FRACTION_BITS: u32 = 16;
+
 /// A texture with its halved copies.
 #[derive(Clone, Debug)]
 pub struct MipTexture {
-    base: Level<u8>,
-    /// Level 1 and on, each half as wide and high as the one before, down to 1 × 1.
-    halved: Vec<Level<u16>>,
+    /// The base level, then each half as wide and high as the one before, down to 1 × 1.
+    levels: Vec<Level>,
 }
 
-/// One level: row-major, tightly packed RGBA. `u8`: sRGB colour, linear alpha; `u16`: all linear, 65 535 is 1.
+/// One level: row-major, tightly packed RGBA, all linear, 65 535 is 1.
 #[derive(Clone, Debug)]
-struct Level<T> {
+struct Level {
     width: u32,
     height: u32,
-    texels: Vec<[T; 4]>,
+    texels: Vec<[u16; 4]>,
 }
 
-/// Linear RGBA of one texel.
-trait Texels {
-    fn size(&self) -> (u32, u32);
-    fn texel(&self, x: u32, y: u32) -> [f32; 4];
+/// What a pixel sees of a texture: (u, v) at a place in it and the change of either per pixel, to the right and downwards.
+#[derive(Clone, Copy, Debug)]
+pub struct Footprint {
+    /// Coordinates at [`Footprint::place`].
+    pub at: [f64; 2],
+    /// Where in the pixel that is, from its upper left, pixels.
+    pub place: [f64; 2],
+    /// Change of u.
+    pub du: [f64; 2],
+    /// Change of v.
+    pub dv: [f64; 2],
 }
 
-impl Texels for Level<u8> {
-    fn size(&self) -> (u32, u32) {
-        (self.width, self.height)
+/// How a row or column of texels goes on beyond its ends.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    side: i32,
+    wrap: Wrap,
+    is_power_of_two: bool,
+}
+
+impl Axis {
+    fn new(side: u32, wrap: Wrap) -> Self {
+        Self { side: side as i32, wrap, is_power_of_two: side.is_power_of_two() }
+    }
+
+    /// The texel at this place of the endless row.
+    #[inline]
+    fn texel(self, i: i32) -> usize {
+        let within = |period: i32| match () {
+            () if self.is_power_of_two => i & (period - 1),
+            () if (0..period).contains(&i) => i,
+            () => i.rem_euclid(period),
+        };
+        let inside = match self.wrap {
+            Wrap::Repeat => within(self.side),
+            Wrap::Mirror => {
+                let i = within(2 * self.side);
+                if i < self.side { i } else { 2 * self.side - 1 - i }
+            }
+            Wrap::Clamp => i.clamp(0, self.side - 1),
+        };
+        inside as usize
+    }
+
+    /// A coordinate in texels, of the texture or its mirror image if it goes on: a u of 1e12 has a place in a repeated
+    /// texture; one that has none (infinite, NaN, beyond f64's integers) counts as 0.
+    #[inline]
+    fn along(self, coordinate: f64) -> f64 {
+        let near = match self.wrap {
+            Wrap::Repeat => coordinate - floor(coordinate) as f64,
+            Wrap::Mirror => coordinate - 2.0 * floor(coordinate * 0.5) as f64,
+            // Far enough beyond the border that no pixel reaches back that isn't larger than the texture.
+            Wrap::Clamp => {
+                return if coordinate.is_nan() { 0.0 } else { coordinate.clamp(-1e3, 1e3) * f64::from(self.side) };
+            }
+        };
+        if (0.0..=2.0).contains(&near) { near * f64::from(self.side) } else { 0.0 }
+    }
+}
+
+/// A coordinate in texels as an integer.
+#[inline]
+fn fixed(texels: f64) -> i64 {
+    (texels * f64::from(1u32 << FRACTION_BITS)) as i64
+}
+
+impl Level {
+    #[inline]
+    fn axes(&self, usage: &TextureUse) -> [Axis; 2] {
+        [Axis::new(self.width, usage.wrap_u), Axis::new(self.height, usage.wrap_v)]
     }
 
     #[inline]
-    fn texel(&self, x: u32, y: u32) -> [f32; 4] {
-        let t = self.texels[y as usize * self.width as usize + x as usize];
-        let [r, g, b] = decode_srgb([t[0], t[1], t[2]]);
-        [r, g, b, f32::from(t[3]) * (1.0 / 255.0)]
+    fn texel(&self, x: usize, y: usize) -> [f32; 4] {
+        self.texels[y * self.width as usize + x].map(f32::from)
+    }
+
+    /// Four texels mixed, in 1/65 535, at a place counted from the centre of the first texel. `u` and `v` say which
+    /// texel a place of the endless row is.
+    #[inline(always)]
+    fn bilinear(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, x: i64, y: i64) -> [f32; 4] {
+        let part = |c: i64| (c & ((1 << FRACTION_BITS) - 1)) as i32 as f32 * (1.0 / (1u32 << FRACTION_BITS) as f32);
+        let (fx, fy) = (part(x), part(y));
+        let (x0, y0) = ((x >> FRACTION_BITS) as i32, (y >> FRACTION_BITS) as i32);
+        let (left, right) = (u(x0), u(x0 + 1));
+        let (above, below) = (v(y0), v(y0 + 1));
+        let (a, b) = (self.texel(left, above), self.texel(right, above));
+        let (c, d) = (self.texel(left, below), self.texel(right, below));
+        std::array::from_fn(|k| {
+            let upper = a[k] + (b[k] - a[k]) * fx;
+            let lower = c[k] + (d[k] - c[k]) * fx;
+            upper + (lower - upper) * fy
+        })
+    }
+
+    #[inline(always)]
+    fn nearest(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, x: i64, y: i64) -> [f32; 4] {
+        self.texel(u((x >> FRACTION_BITS) as i32), v((y >> FRACTION_BITS) as i32))
+    }
+
+    /// The sum over a grid that is covered all over, linear.
+    #[inline(always)]
+    fn sum(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, grid: &Grid) -> [f32; 4] {
+        let mut sum = [0.0f32; 4];
+        let [mut row_x, mut row_y] = grid.first;
+        for _ in 0..grid.counts[1] {
+            let (mut x, mut y) = (row_x, row_y);
+            for _ in 0..grid.counts[0] {
+                let texel = self.bilinear(u, v, x, y);
+                for k in 0..4 {
+                    sum[k] += texel[k];
+                }
+                (x, y) = (x + grid.column_step[0], y + grid.column_step[1]);
+            }
+            (row_x, row_y) = (row_x + grid.row_step[0], row_y + grid.row_step[1]);
+        }
+        sum
+    }
+
+    /// One place, as this filter reads it.
+    fn at(&self, usage: &TextureUse, filter: Filter, at: [f64; 2]) -> [f32; 4] {
+        let axes = self.axes(usage);
+        let [x, y] = [axes[0].along(at[0]), axes[1].along(at[1])];
+        let sum = match filter {
+            Filter::Linear => {
+                self.bilinear(&|i| axes[0].texel(i), &|i| axes[1].texel(i), fixed(x - 0.5), fixed(y - 0.5))
+            }
+            Filter::Nearest => self.nearest(&|i| axes[0].texel(i), &|i| axes[1].texel(i), fixed(x), fixed(y)),
+        };
+        sum.map(|c| c * UNIT)
     }
 }
 
-impl Texels for Level<u16> {
-    fn size(&self) -> (u32, u32) {
-        (self.width, self.height)
-    }
+/// Places on a level, coordinates in texels as integers.
+#[derive(Clone, Copy, Debug)]
+struct Grid {
+    first: [i64; 2],
+    column_step: [i64; 2],
+    row_step: [i64; 2],
+    /// Columns, rows.
+    counts: [u32; 2],
+}
 
-    #[inline]
-    fn texel(&self, x: u32, y: u32) -> [f32; 4] {
-        let [r, g, b, a] = self.texels[y as usize * self.width as usize + x as usize];
-        let scale = 1.0 / 65_535.0;
-        [f32::from(r) * scale, f32::from(g) * scale, f32::from(b) * scale, f32::from(a) * scale]
+impl Grid {
+    /// Whether all places lie between texels that the level has, so that nothing wraps.
+    fn is_within(&self, side: [u32; 2]) -> bool {
+        [0, 1].into_iter().all(|k| {
+            let ways =
+                [self.column_step[k] * i64::from(self.counts[0] - 1), self.row_step[k] * i64::from(self.counts[1] - 1)];
+            let low = self.first[k] + ways[0].min(0) + ways[1].min(0);
+            let high = self.first[k] + ways[0].max(0) + ways[1].max(0);
+            low >= 0 && (high >> FRACTION_BITS) + 1 < i64::from(side[k])
+        })
     }
 }
+
+/// What a texel's number is multiplied by.
+const UNIT: f32 = 1.0 / 65_535.0;
 
 impl MipTexture {
     /// Checks a texture that came from outside and makes its halved copies.
@@ -100,68 +251,220 @@ impl MipTexture {
         if texels.len() != width as usize * height as usize {
             return Err(TextureError::Length { width, height, texels: texels.len() });
         }
-        let base = Level { width, height, texels };
-        let mut halved = Vec::new();
-        // Each copy is made from the floats of the one before, so that rounding doesn't add up from level to level.
+        let scale = 1.0 / 255.0;
+        let decoded = |t: [u8; 4]| {
+            let [r, g, b] = decode_srgb([t[0], t[1], t[2]]);
+            [r, g, b, f32::from(t[3]) * scale]
+        };
+        let quantise = |c: f32| (c.clamp(0.0, 1.0) * 65_535.0 + 0.5) as u16;
+        let level = |size: (u32, u32), texels: Vec<[u16; 4]>| Level { width: size.0, height: size.1, texels };
         let mut size = (width, height);
+        let codes: [[u16; 2]; 256] = std::array::from_fn(|c| {
+            let [r, _, _, a] = decoded([c as u8; 4]).map(quantise);
+            [r, a]
+        });
+        let stored = |t: &[u8; 4]| {
+            let [r, g, b, a] = t.map(|c| codes[usize::from(c)]);
+            [r[0], g[0], b[0], a[1]]
+        };
+        let mut levels = vec![level(size, texels.iter().map(stored).collect())];
+        // Each copy is made from the floats of the one before, so that rounding doesn't add up from level to level.
         let mut source: Vec<[f32; 4]> = Vec::new();
         while size != (1, 1) {
             let next = ((size.0 / 2).max(1), (size.1 / 2).max(1));
-            let floats = if halved.is_empty() {
-                halve(size, next, |x, y| base.texel(x, y))
+            let at = |x: u32, y: u32| y as usize * size.0 as usize + x as usize;
+            let floats = if levels.len() == 1 {
+                halve(size, next, |x, y| decoded(texels[at(x, y)]))
             } else {
-                halve(size, next, |x, y| source[y as usize * size.0 as usize + x as usize])
+                halve(size, next, |x, y| source[at(x, y)])
             };
-            let quantise = |c: f32| (c.clamp(0.0, 1.0) * 65_535.0 + 0.5) as u16;
-            halved.push(Level {
-                width: next.0,
-                height: next.1,
-                texels: floats.iter().map(|t| t.map(quantise)).collect(),
-            });
+            levels.push(level(next, floats.iter().map(|t| t.map(quantise)).collect()));
             (source, size) = (floats, next);
         }
-        Ok(Self { base, halved })
+        Ok(Self { levels })
     }
 
     /// Width and height of the base level, texels.
     pub fn size(&self) -> (u32, u32) {
-        self.base.size()
+        (self.levels[0].width, self.levels[0].height)
     }
 
-    /// Linear RGBA at (u, v). `detail` is the level whose texels are as large as the pixel's footprint, log2 of the
+    /// Linear RGBA at (u, v). `detail` is the level whose texels are as large as the footprint, log2 of the
     /// footprint in base texels; at 0 and below the texture is magnified.
     #[inline]
     pub fn sample(&self, usage: &TextureUse, u: f64, v: f64, detail: f32) -> [f32; 4] {
         // NaN compares false: it lands in the base level, and no coordinate is used unchecked below.
         let magnified = detail.is_nan() || detail <= 0.0;
         if magnified {
-            return match usage.magnify {
-                Filter::Linear => bilinear(&self.base, usage, u, v),
-                Filter::Nearest => nearest(&self.base, usage, u, v),
-            };
+            return self.levels[0].at(usage, usage.magnify, [u, v]);
         }
-        let last = self.halved.len();
+        let last = self.levels.len() - 1;
         let detail = detail.min(last as f32);
         let lower = detail as usize;
         let part = detail - lower as f32;
-        let fine = self.level(lower, usage, u, v);
+        let fine = self.levels[lower].at(usage, Filter::Linear, [u, v]);
         if part == 0.0 {
             return fine;
         }
-        let coarse = self.level(lower + 1, usage, u, v);
+        let coarse = self.levels[lower + 1].at(usage, Filter::Linear, [u, v]);
         std::array::from_fn(|c| fine[c] + (coarse[c] - fine[c]) * part)
     }
 
-    fn level(&self, level: usize, usage: &TextureUse, u: f64, v: f64) -> [f32; 4] {
-        match level.checked_sub(1) {
-            None => bilinear(&self.base, usage, u, v),
-            Some(k) => bilinear(&self.halved[k], usage, u, v),
+    /// Linear RGBA, averaged over a pixel. `covered` says of the face whether it covers a place, counted in a grid of so
+    /// many columns and rows over the pixel (column, columns, row, rows); `None`: it covers all of it.
+    #[inline]
+    pub fn average(
+        &self,
+        usage: &TextureUse,
+        footprint: &Footprint,
+        covered: Option<impl Fn(u32, u32, u32, u32) -> bool>,
+    ) -> [f32; 4] {
+        let (w, h) = (f64::from(self.levels[0].width), f64::from(self.levels[0].height));
+        let right = [footprint.du[0] * w, footprint.dv[0] * h];
+        let down = [footprint.du[1] * w, footprint.dv[1] * h];
+        let [wide, high] = [right, down].map(|d| (d[0] * d[0] + d[1] * d[1]).sqrt());
+        // Not f64::max: a NaN must not win or lose by the platform's rule.
+        let longer = if wide > high { wide } else { high };
+        if longer.is_nan() || longer < TINY * TINY {
+            return self.levels[0].at(usage, usage.magnify, footprint.at);
         }
+        if longer <= 1.0 {
+            let axes = self.levels[0].axes(usage);
+            let shift = if usage.magnify == Filter::Linear { 0.5 } else { 0.0 };
+            let inside = |axis: usize| {
+                let x = axes[axis].along(footprint.at[axis]) - shift;
+                let part = x - floor(x) as f64;
+                let reach = 0.5 * (right[axis].abs() + down[axis].abs());
+                part - reach >= 0.0 && part + reach <= 1.0
+            };
+            if (covered.is_none() || longer < TINY) && inside(0) && inside(1) {
+                return self.levels[0].at(usage, usage.magnify, footprint.at);
+            }
+            let filter = usage.magnify;
+            let fewest = match (filter, covered.is_some()) {
+                (Filter::Nearest, _) => PLACES_NEAREST,
+                (Filter::Linear, true) => PLACES_PARTIAL,
+                (Filter::Linear, false) => 2,
+            };
+            let places = |side: f64| ((side * 3.0) as u32 + 1).max(fewest);
+            return self.places(usage, filter, footprint, 0, [1.0; 2], [places(wide), places(high)], covered);
+        }
+        let area = (right[0] * down[1] - right[1] * down[0]).abs();
+        // Texels as large as possible of which so many fit across, and as small as needed to get along with so many.
+        let across = area / (longer * ACROSS);
+        let along = longer / ALONG_MAX;
+        let mut level = exponent(if across > along { across } else { along });
+        let fewest = if covered.is_some() { PLACES_PARTIAL } else { 1 };
+        loop {
+            let last = self.levels.len() - 1;
+            if level >= last {
+                return self.levels[last].at(usage, Filter::Linear, footprint.at);
+            }
+            // Powers of two are exact.
+            let texel = (1u64 << level) as f64;
+            let per_texel = if level == 0 && longer <= SMALL { PER_TEXEL_SMALL } else { 1.0 };
+            let places = |side: f64| ((side / texel * per_texel) as u32 + 1).max(fewest);
+            let counts = [places(wide), places(high)];
+            if counts[0] * counts[1] > PLACES_MAX {
+                level += 1;
+                continue;
+            }
+            // A copy is blurred by its texels and by mixing them, more than the base level by mixing its own: the
+            // parallelogram shrinks so far that the average's variance stays that of the truth.
+            let blur = if level == 0 { 0.0 } else { 3.0 * texel * texel - 2.0 };
+            let shrink = |side: f64| {
+                let rest = 1.0 - blur / (side * side);
+                if rest > 0.0 { rest.sqrt() } else { 0.0 }
+            };
+            return self.places(usage, Filter::Linear, footprint, level, [shrink(wide), shrink(high)], counts, covered);
+        }
+    }
+
+    /// The mean of a grid of places over the pixel (shrunk about its centre) in one level.
+    fn places(
+        &self,
+        usage: &TextureUse,
+        filter: Filter,
+        footprint: &Footprint,
+        level: usize,
+        shrink: [f64; 2],
+        [columns, rows]: [u32; 2],
+        covered: Option<impl Fn(u32, u32, u32, u32) -> bool>,
+    ) -> [f32; 4] {
+        let level = &self.levels[level];
+        let axes = level.axes(usage);
+        let shift = if filter == Filter::Linear { 0.5 } else { 0.0 };
+        let (per_column, per_row) = (shrink[0] / f64::from(columns), shrink[1] / f64::from(rows));
+        // From where (u, v) are known to the first place.
+        let to_first = [
+            0.5 - footprint.place[0] - 0.5 * shrink[0] + 0.5 * per_column,
+            0.5 - footprint.place[1] - 0.5 * shrink[1] + 0.5 * per_row,
+        ];
+        let slopes = [footprint.du, footprint.dv];
+        let side = [f64::from(level.width), f64::from(level.height)];
+        let first = [0, 1].map(|k| {
+            let way = (slopes[k][0] * to_first[0] + slopes[k][1] * to_first[1]) * side[k];
+            fixed(axes[k].along(footprint.at[k]) - shift + way)
+        });
+        let column_step = [0, 1].map(|k| fixed(slopes[k][0] * per_column * side[k]));
+        let row_step = [0, 1].map(|k| fixed(slopes[k][1] * per_row * side[k]));
+        if filter == Filter::Linear && covered.is_none() {
+            let grid = Grid { first, column_step, row_step, counts: [columns, rows] };
+            let is_masked = axes.iter().all(|a| a.is_power_of_two && a.wrap == Wrap::Repeat);
+            let [mask_u, mask_v] = axes.map(|a| a.side - 1);
+            let sum = if grid.is_within([level.width, level.height]) {
+                level.sum(&|i| i as usize, &|i| i as usize, &grid)
+            } else if is_masked {
+                level.sum(&|i| (i & mask_u) as usize, &|i| (i & mask_v) as usize, &grid)
+            } else {
+                level.sum(&|i| axes[0].texel(i), &|i| axes[1].texel(i), &grid)
+            };
+            let scale = UNIT / (columns * rows) as f32;
+            return sum.map(|c| c * scale);
+        }
+        let (u, v) = (|i| axes[0].texel(i), |i| axes[1].texel(i));
+        let mut sum = [0.0f32; 4];
+        let mut count = 0u32;
+        let [mut row_x, mut row_y] = first;
+        for row in 0..rows {
+            let (mut x, mut y) = (row_x, row_y);
+            for column in 0..columns {
+                if covered.as_ref().is_none_or(|covered| covered(column, columns, row, rows)) {
+                    let texel = match filter {
+                        Filter::Linear => level.bilinear(&u, &v, x, y),
+                        Filter::Nearest => level.nearest(&u, &v, x, y),
+                    };
+                    for k in 0..4 {
+                        sum[k] += texel[k];
+                    }
+                    count += 1;
+                }
+                (x, y) = (x + column_step[0], y + column_step[1]);
+            }
+            (row_x, row_y) = (row_x + row_step[0], row_y + row_step[1]);
+        }
+        if count == 0 {
+            return level.at(usage, filter, footprint.at);
+        }
+        let scale = UNIT / count as f32;
+        sum.map(|c| c * scale)
     }
 }
 
+/// Up to so many base texels long a pixel is looked at in more places than one per texel: each counts for much.
+const SMALL: f64 = 4.0;
+
+/// Places per texel in such a pixel.
+const PER_TEXEL_SMALL: f64 = 2.0;
+
+/// The power of two at or below a positive number, 0 below 1.
+#[inline]
+fn exponent(x: f64) -> usize {
+    ((x.to_bits() >> 52) as usize & 0x7ff).saturating_sub(1023)
+}
+
 /// Log2 of the pixel's footprint in texels, from the derivatives of (u, v) along one pixel in x and in y: the longer of
-/// the two, so that nothing flickers; the blur across a slanted footprint is the price until filtering is anisotropic.
+/// the two. What one sample of a pixel is read with; pixels are averaged.
 #[inline]
 pub fn detail(size: (u32, u32), du: [f64; 2], dv: [f64; 2]) -> f32 {
     let (w, h) = (f64::from(size.0), f64::from(size.1));
@@ -175,67 +478,12 @@ pub fn detail(size: (u32, u32), du: [f64; 2], dv: [f64; 2]) -> f32 {
     if longer > 1.0 { 0.5 * libm::log2f(longer as f32) } else { 0.0 }
 }
 
-/// A coordinate in texels, brought to the texture or its mirror image first: a u of 1e12 has a place in a repeated
-/// texture; one that has none (infinite, NaN, beyond f64's integers) counts as 0.
-#[inline]
-fn texels_along(coordinate: f64, side: u32, wrap: Wrap) -> f64 {
-    let near = match wrap {
-        Wrap::Repeat => coordinate - floor(coordinate) as f64,
-        Wrap::Mirror => coordinate - 2.0 * floor(coordinate * 0.5) as f64,
-        Wrap::Clamp => coordinate.clamp(0.0, 1.0),
-    };
-    if (0.0..=2.0).contains(&near) { near * f64::from(side) } else { 0.0 }
-}
-
 /// The largest integer that isn't above; what has none in i64 gets the nearest that i64 has, NaN gets 0. The
 /// base instruction set has no rounding instruction, and `f64::floor` would be a call per coordinate.
 #[inline]
 fn floor(x: f64) -> i64 {
     let towards_zero = x as i64;
     if towards_zero as f64 > x { towards_zero.saturating_sub(1) } else { towards_zero }
-}
-
-/// The texel at a coordinate from [`texels_along`], or one beside it: at −1 up to the number of texels, of both images if
-/// mirrored. Comparisons, because a division per texel costs more than the rest of the filter.
-#[inline]
-fn wrapped(i: i64, side: u32, wrap: Wrap) -> u32 {
-    let n = i64::from(side);
-    let inside = match wrap {
-        Wrap::Repeat if i < 0 => i + n,
-        Wrap::Repeat if i >= n => i - n,
-        Wrap::Repeat => i,
-        Wrap::Mirror if i < 0 => -1 - i,
-        Wrap::Mirror if i >= 2 * n => i - 2 * n,
-        Wrap::Mirror if i >= n => 2 * n - 1 - i,
-        Wrap::Mirror => i,
-        Wrap::Clamp => i.clamp(0, n - 1),
-    };
-    inside as u32
-}
-
-#[inline]
-fn nearest(level: &impl Texels, usage: &TextureUse, u: f64, v: f64) -> [f32; 4] {
-    let (w, h) = level.size();
-    let x = floor(texels_along(u, w, usage.wrap_u));
-    let y = floor(texels_along(v, h, usage.wrap_v));
-    level.texel(wrapped(x, w, usage.wrap_u), wrapped(y, h, usage.wrap_v))
-}
-
-#[inline]
-fn bilinear(level: &impl Texels, usage: &TextureUse, u: f64, v: f64) -> [f32; 4] {
-    let (w, h) = level.size();
-    let (x, y) = (texels_along(u, w, usage.wrap_u) - 0.5, texels_along(v, h, usage.wrap_v) - 0.5);
-    let (x0, y0) = (floor(x), floor(y));
-    let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
-    let (left, right) = (wrapped(x0, w, usage.wrap_u), wrapped(x0 + 1, w, usage.wrap_u));
-    let (above, below) = (wrapped(y0, h, usage.wrap_v), wrapped(y0 + 1, h, usage.wrap_v));
-    let (a, b) = (level.texel(left, above), level.texel(right, above));
-    let (c, d) = (level.texel(left, below), level.texel(right, below));
-    std::array::from_fn(|k| {
-        let upper = a[k] + (b[k] - a[k]) * fx;
-        let lower = c[k] + (d[k] - c[k]) * fx;
-        upper + (lower - upper) * fy
-    })
 }
 
 /// The area means of a level: texel (x, y) of the next level covers `from/to` texels of this one along each axis.
