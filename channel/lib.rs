@@ -17,6 +17,7 @@
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
 #![forbid(unsafe_code)]
 
+pub mod frame;
 pub mod geometry;
 pub mod lights;
 pub mod pipeline;
@@ -24,6 +25,7 @@ pub mod raster;
 pub mod resolve;
 pub mod samples;
 pub mod shade;
+pub mod simd;
 pub mod store;
 pub mod texture;
 pub mod translucency;

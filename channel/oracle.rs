@@ -177,7 +177,8 @@ pub(crate) fn draw_with(
             }
         }
     }
-    assert!(picture.linear.iter().flatten().all(|c| c.is_finite()), "a pixel is missing or not a number");
+    let bad = picture.linear.iter().position(|c| !c.iter().all(|c| c.is_finite()));
+    assert!(bad.is_none(), "a pixel is missing or not a number: {:?}", bad.map(|at| (at, picture.linear[at])));
     picture
 }
 

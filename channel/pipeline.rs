@@ -8,24 +8,30 @@
 //! between frames are woken on the waker's CPU and do half of the frame one after the other. A smaller pool isn't pinned,
 //! because several boards on one machine would all choose the same CPUs.
 
+use crate::frame::{Frame, RUN_TRIANGLES_MAX, RUNS_MAX, triangle_number};
 use crate::geometry::camera::Camera;
-use crate::geometry::setup::{ClipRecord, Triangle};
+use crate::geometry::clip::CORNERS_MAX;
 use crate::geometry::transform::{GeometryCounts, GeometryRun, Item};
 use crate::lights::Light;
-use crate::raster::bins::Bins;
-use crate::raster::opaque::{FarBounds, RasterCounts, draw_opaque};
-use crate::raster::visible::{TRIANGLES_MAX, Visible};
-use crate::resolve::tile::{ResolveCounts, ResolveScratch, TileOutput, resolve};
+use crate::raster::bins::{RunBins, TileMap};
+use crate::raster::coverage::SampleTables;
+use crate::raster::opaque::{RasterCounts, draw_opaque};
+use crate::raster::visible::{TILE_TRIANGLES_MAX, Visible};
+use crate::resolve::tile::{ResolveCounts, ResolveScratch, Resolved, TileOutput, resolve};
 use crate::samples::Pattern;
-use crate::shade::{FaceCache, Shader};
+use crate::shade::tile::TileFaces;
+use crate::simd::SimdLevel;
 use crate::store::SceneStore;
 use crate::translucency::gather::{Fragments, gather};
+use fearless_simd::{Simd, dispatch};
 use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
 use proto::ids::SubobjectId;
+use proto::limits::TRIANGLES_PER_SUBOBJECT_MAX;
 use proto::share::Part;
 use proto::view::{Pose, View};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use thiserror::Error;
@@ -54,11 +60,11 @@ pub enum DrawError {
         /// The first that can't be drawn.
         subobject: SubobjectId,
     },
-    /// More triangles than can be numbered.
-    #[error("{triangles} triangles in view, allowed are {TRIANGLES_MAX}")]
-    TooManyTriangles {
-        /// Triangles after clipping and culling.
-        triangles: usize,
+    /// More faces than can be numbered.
+    #[error("{faces} faces in the list, allowed are {FACES_MAX}")]
+    TooManyFaces {
+        /// Faces of the listed meshes.
+        faces: usize,
     },
 }
 
@@ -159,14 +165,36 @@ impl TilePictures {
     }
 }
 
+/// Work that a scene may not need, and that is left out where it doesn't. All are on by default; a benchmark turns one off to
+/// measure what it saves. No picture depends on any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Skips {
+    /// Triangles behind what is already drawn, block by block and tile by tile.
+    pub occluded: bool,
+    /// Pixels that one face fills: taken many at a time and shaded once, not looked at sample by sample.
+    pub single: bool,
+    /// Tiles without a translucent fragment: that stage.
+    pub opaque_tiles: bool,
+}
+
+impl Default for Skips {
+    fn default() -> Self {
+        Self { occluded: true, single: true, opaque_tiles: true }
+    }
+}
+
 /// What one thread needs for a tile.
 #[derive(Debug, Default)]
 struct TileScratch {
+    /// The tile's triangles: the opaque ones, then the others.
+    numbers: Vec<u32>,
     visible: Visible,
+    tables: SampleTables,
     fragments: Fragments,
-    faces: FaceCache,
+    faces: TileFaces,
     resolve: ResolveScratch,
 }
+
 
 /// One tile on its way through the stages.
 struct Job<'a> {
@@ -181,9 +209,10 @@ struct Job<'a> {
 pub struct Renderer {
     pool: rayon::ThreadPool,
     runs: Vec<GeometryRun>,
-    triangles: Vec<Triangle>,
-    clips: Vec<ClipRecord>,
-    bins: Bins,
+    bins: Vec<RunBins>,
+    map: TileMap,
+    level: SimdLevel,
+    skips: Skips,
     /// One per thread; only ever locked by the thread of that number.
     scratch: Vec<Mutex<TileScratch>>,
 }
@@ -198,6 +227,15 @@ pub struct RendererError {
 
 /// Runs per thread that the list is cut into: enough that an uneven one doesn't keep the others waiting. A guess.
 const RUNS_PER_THREAD: usize = 8;
+
+/// Fewest faces of a run: below, handing it to a thread costs as much as the work. A guess.
+const RUN_FACES_MIN: usize = 512;
+
+/// Most faces of a run, a subobject more or less: cut into as many pieces as can be, they still have numbers.
+const RUN_FACES_MAX: usize = RUN_TRIANGLES_MAX / (CORNERS_MAX - 2) - TRIANGLES_PER_SUBOBJECT_MAX;
+
+/// Most faces of a list.
+pub const FACES_MAX: usize = RUN_FACES_MAX * (RUNS_MAX / 2);
 
 impl Renderer {
     /// A renderer with that many threads of its own.
@@ -224,11 +262,22 @@ impl Renderer {
         Ok(Self {
             pool,
             runs: Vec::new(),
-            triangles: Vec::new(),
-            clips: Vec::new(),
-            bins: Bins::default(),
+            bins: Vec::new(),
+            map: TileMap::default(),
+            level: SimdLevel::best(),
+            skips: Skips::default(),
             scratch: (0..threads).map(|_| Mutex::default()).collect(),
         })
+    }
+
+    /// Draws with that instruction set from now on; no picture depends on it.
+    pub fn set_simd(&mut self, level: SimdLevel) {
+        self.level = level;
+    }
+
+    /// Leaves out what `skips` says from now on.
+    pub fn set_skips(&mut self, skips: Skips) {
+        self.skips = skips;
     }
 
     /// Number of threads.
@@ -259,14 +308,12 @@ impl Renderer {
         let camera = Camera::new(&state, view);
         let pattern = Pattern::of(view.samples);
         let visibility_m = state.environment.visibility_m.unwrap_or(f64::INFINITY);
-        let items = items(scene, &camera, list)?;
+        let items = items_of(scene, &camera, list)?;
 
         let mut stats = DrawStats::default();
-        self.geometry(&camera, pattern, visibility_m, &items, &mut stats)?;
         out.begin(part, view.width, view.height);
-        let triangles = &self.triangles;
-        self.bins
-            .fill(pattern, view.width, view.height, &out.tiles, triangles, |t| items[t.item as usize].is_fragments());
+        self.map.set(view.width, view.height, &out.tiles);
+        let runs = self.geometry(&camera, pattern, visibility_m, &items, &mut stats)?;
         stats.geometry_ns = nanoseconds(begun);
 
         let lights: Vec<Light> = if state.environment.scene_lights {
@@ -274,14 +321,14 @@ impl Renderer {
         } else {
             Vec::new()
         };
-        let shader = Shader::new(&camera, pattern, &state.environment, &lights, &items, triangles, &self.clips);
+        let frame = Frame::new(&camera, pattern, &state.environment, &lights, &items, &self.runs[..runs]);
         let mut jobs = jobs(out, view);
-        let (bins, scratch) = (&self.bins, &self.scratch);
+        let (bins, scratch, level, skips) = (&self.bins[..runs], &self.scratch, self.level.level(), self.skips);
         self.pool.install(|| {
             jobs.par_iter_mut().with_max_len(1).for_each(|job| {
                 let thread = rayon::current_thread_index().expect("inside the pool");
                 let mut scratch = scratch[thread].lock().unwrap_or_else(PoisonError::into_inner);
-                draw_tile(&shader, bins, &mut scratch, job);
+                dispatch!(level, simd => draw_tile(simd, &frame, bins, skips, &mut scratch, job));
             });
         });
         for job in &jobs {
@@ -291,6 +338,7 @@ impl Renderer {
         Ok(stats)
     }
 
+    /// The list through geometry and into bins; returns the number of runs.
     fn geometry(
         &mut self,
         camera: &Camera,
@@ -298,35 +346,42 @@ impl Renderer {
         visibility_m: f64,
         items: &[Item<'_>],
         stats: &mut DrawStats,
-    ) -> Result<(), DrawError> {
-        let run_length = items.len().div_ceil(self.scratch.len() * RUNS_PER_THREAD).max(1);
-        let runs = items.len().div_ceil(run_length);
-        if self.runs.len() < runs {
-            self.runs.resize_with(runs, GeometryRun::default);
+    ) -> Result<usize, DrawError> {
+        let faces: usize = items.iter().map(|item| item.stored.mesh.triangles.len()).sum();
+        if faces > FACES_MAX {
+            return Err(DrawError::TooManyFaces { faces });
         }
-        let active = &mut self.runs[..runs];
+        let run_faces = (faces / (self.scratch.len() * RUNS_PER_THREAD)).clamp(RUN_FACES_MIN, RUN_FACES_MAX);
+        let mut ranges: Vec<Range<usize>> = Vec::new();
+        let (mut first, mut in_run) = (0, 0);
+        for (i, item) in items.iter().enumerate() {
+            in_run += item.stored.mesh.triangles.len();
+            if in_run >= run_faces || i + 1 == items.len() {
+                ranges.push(first..i + 1);
+                (first, in_run) = (i + 1, 0);
+            }
+        }
+        if self.runs.len() < ranges.len() {
+            self.runs.resize_with(ranges.len(), GeometryRun::default);
+            self.bins.resize_with(ranges.len(), RunBins::default);
+        }
+        let (runs, bins) = (&mut self.runs[..ranges.len()], &mut self.bins[..ranges.len()]);
+        let (map, level) = (&self.map, self.level.level());
         self.pool.install(|| {
-            active
-                .par_iter_mut()
-                .with_max_len(1)
-                .zip(items.par_chunks(run_length))
-                .enumerate()
-                .for_each(|(k, (run, items))| run.fill(camera, pattern, visibility_m, items, k * run_length));
+            let work = runs.par_iter_mut().zip(bins).zip(&ranges).with_max_len(1);
+            work.for_each(|((run, bins), range)| {
+                let own = &items[range.clone()];
+                dispatch!(level, simd => {
+                    run.fill(simd, camera, pattern, visibility_m, own, range.start);
+                    bins.fill(pattern, map, &run.triangles, |t| items[t.item as usize].is_fragments());
+                });
+            });
         });
-        let triangles = active.iter().map(|run| run.triangles.len()).sum();
-        if triangles > TRIANGLES_MAX {
-            return Err(DrawError::TooManyTriangles { triangles });
-        }
-        self.triangles.clear();
-        self.clips.clear();
-        for run in active {
-            let clip_base = self.clips.len() as u32;
-            self.triangles.extend(run.triangles.iter().map(|t| t.with_clip_base(clip_base)));
-            self.clips.extend_from_slice(&run.clips);
+        for run in &self.runs[..ranges.len()] {
             stats.geometry.add(&run.counts);
+            stats.triangles_drawn += run.triangles.len() as u64;
         }
-        stats.triangles_drawn = triangles as u64;
-        Ok(())
+        Ok(ranges.len())
     }
 }
 
@@ -344,7 +399,11 @@ fn checked(state: &FrameState) -> Result<FrameState, DrawError> {
 }
 
 /// The list's subobjects, ready to be drawn.
-fn items<'a>(scene: &'a SceneStore, camera: &Camera, list: &[SubobjectId]) -> Result<Vec<Item<'a>>, DrawError> {
+pub(crate) fn items_of<'a>(
+    scene: &'a SceneStore,
+    camera: &Camera,
+    list: &[SubobjectId],
+) -> Result<Vec<Item<'a>>, DrawError> {
     list.iter().filter_map(|subobject| item(scene, camera, *subobject).transpose()).collect()
 }
 
@@ -387,21 +446,39 @@ fn jobs<'a>(out: &'a mut TilePictures, view: &View) -> Vec<Job<'a>> {
 }
 
 /// One tile from bins to bytes.
-fn draw_tile(shader: &Shader<'_>, bins: &Bins, scratch: &mut TileScratch, job: &mut Job<'_>) {
-    let TileScratch { visible, fragments, faces, resolve: resolve_scratch } = scratch;
+#[inline(always)]
+fn draw_tile<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    bins: &[RunBins],
+    skips: Skips,
+    scratch: &mut TileScratch,
+    job: &mut Job<'_>,
+) {
+    let TileScratch { numbers, visible, tables, fragments, faces, resolve: resolve_scratch } = scratch;
     let stats = &mut job.stats;
     let begun = Instant::now();
-    visible.clear(shader.pattern.full);
+    numbers.clear();
+    for (run, bins) in bins.iter().enumerate() {
+        numbers.extend(bins.opaque(job.slot).iter().map(|place| triangle_number(run, *place)));
+    }
+    let opaque = numbers.len();
+    for (run, bins) in bins.iter().enumerate() {
+        numbers.extend(bins.translucent(job.slot).iter().map(|place| triangle_number(run, *place)));
+    }
+    assert!(numbers.len() <= TILE_TRIANGLES_MAX, "a tile's triangles are numbered in 31 bits");
+    visible.clear(frame.pattern.full);
     fragments.clear();
-    faces.clear();
-    let mut far = FarBounds::OPEN;
-    draw_opaque(shader, job.rect, bins.opaque(job.slot), visible, &mut far, faces, &mut stats.opaque);
+    faces.begin(numbers.len());
+    let counts = &mut stats.opaque;
+    draw_opaque(simd, frame, job.rect, &numbers[..opaque], visible, tables, faces.general(), skips, counts);
     stats.raster_ns = nanoseconds(begun);
 
-    let translucent = bins.translucent(job.slot);
-    if !translucent.is_empty() {
+    if opaque < numbers.len() || !skips.opaque_tiles {
         let begun = Instant::now();
-        gather(shader, job.rect, translucent, visible, &far, fragments, faces, &mut stats.translucent);
+        let counts = &mut stats.translucent;
+        let general = faces.general();
+        gather(simd, frame, job.rect, numbers, opaque, visible, fragments, tables, general, skips, counts);
         stats.translucency_ns = nanoseconds(begun);
     }
     stats.fragments = fragments.count() as u64;
@@ -410,7 +487,8 @@ fn draw_tile(shader: &Shader<'_>, bins: &Bins, scratch: &mut TileScratch, job: &
 
     let begun = Instant::now();
     let out = TileOutput { rgb: job.out.rgb, linear: job.out.linear.as_deref_mut() };
-    resolve(shader, job.rect, visible, fragments, faces, resolve_scratch, out, &mut stats.pixels);
+    let tile = Resolved { frame, rect: job.rect, numbers, visible, fragments };
+    resolve(simd, tile, faces, resolve_scratch, out, &mut stats.pixels);
     stats.resolve_ns = nanoseconds(begun);
 }
 

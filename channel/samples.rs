@@ -21,14 +21,18 @@ pub const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
 pub struct Pattern {
     /// Number of points.
     pub count: usize,
-    /// The points as x, y in 1/256 pixel; bit i of a coverage mask is point i. Only the first `count` mean anything.
+    /// The points as x, y in 1/256 pixel, by distance from the pixel's centre, nearest first (ties: in the order of the
+    /// published list); bit i of a coverage mask is point i, so that the lowest bit of a mask is the covered point nearest
+    /// to the centre. Only the first `count` mean anything.
     pub points: [[i32; 2]; 64],
+    /// Their x alone.
+    pub points_x: [i32; 64],
+    /// Their y alone.
+    pub points_y: [i32; 64],
     /// The mask that has all points.
     pub full: u64,
     /// Smallest coordinate of any point; by symmetry 256 − `low` is the largest.
     pub low: i32,
-    /// Indices of the points by distance from the centre, nearest first (ties: the lower index). The first `count`.
-    pub by_distance: [u8; 64],
 }
 
 impl Pattern {
@@ -53,22 +57,26 @@ impl Pattern {
         let mut pattern = Self {
             count,
             points: [[0; 2]; 64],
+            points_x: [0; 64],
+            points_y: [0; 64],
             full: u64::MAX >> (64 - count),
             low: SUBPIXELS / 2 / count as i32,
-            by_distance: [0; 64],
         };
         let mut i = 0;
         while i < count {
-            pattern.points[i] = [points[i][0] as i32, points[i][1] as i32];
+            let point = [points[i][0] as i32, points[i][1] as i32];
             // Insertion sort, stable; runs when the program is compiled.
             let mut place = i;
-            while place > 0
-                && centre_distance(points[pattern.by_distance[place - 1] as usize]) > centre_distance(points[i])
-            {
-                pattern.by_distance[place] = pattern.by_distance[place - 1];
+            while place > 0 && centre_distance(pattern.points[place - 1]) > centre_distance(point) {
+                pattern.points[place] = pattern.points[place - 1];
                 place -= 1;
             }
-            pattern.by_distance[place] = i as u8;
+            pattern.points[place] = point;
+            i += 1;
+        }
+        i = 0;
+        while i < count {
+            [pattern.points_x[i], pattern.points_y[i]] = pattern.points[i];
             i += 1;
         }
         pattern
@@ -76,8 +84,8 @@ impl Pattern {
 }
 
 /// Square of a point's distance from the pixel's centre.
-const fn centre_distance(point: [u8; 2]) -> i32 {
-    let (x, y) = (point[0] as i32 - SUBPIXELS / 2, point[1] as i32 - SUBPIXELS / 2);
+const fn centre_distance(point: [i32; 2]) -> i32 {
+    let (x, y) = (point[0] - SUBPIXELS / 2, point[1] - SUBPIXELS / 2);
     x * x + y * y
 }
 
@@ -172,14 +180,9 @@ mod tests {
     }
 
     #[test]
-    fn the_order_by_distance_is_one() {
+    fn points_are_ordered_by_distance_from_the_centre() {
         for pattern in ALL.map(Pattern::of) {
-            let order = &pattern.by_distance[..pattern.count];
-            let mut seen = order.to_vec();
-            seen.sort_unstable();
-            assert!(seen.iter().enumerate().all(|(i, s)| usize::from(*s) == i), "a permutation: {order:?}");
-            let far = |i: &u8| centre_distance(pattern.points[usize::from(*i)].map(|c| c as u8));
-            assert!(order.is_sorted_by_key(far), "{order:?}");
+            assert!(pattern.points[..pattern.count].is_sorted_by_key(|p| centre_distance(*p)), "{:?}", pattern.points);
         }
     }
 

@@ -107,6 +107,16 @@ impl Camera {
         self.to_view * relative
     }
 
+    /// World axes to the view's axes, Z backwards.
+    pub fn to_view(&self) -> &DMat3 {
+        &self.to_view
+    }
+
+    /// Width and height of the window at distance 1.
+    pub fn spans(&self) -> [f64; 2] {
+        [self.span_x, self.span_y]
+    }
+
     /// The way back.
     pub fn world_axes(&self, relative: DVec3) -> DVec3 {
         self.to_view.transpose() * relative

@@ -8,6 +8,7 @@
 //! - [`clip`]: what crosses the near plane or leaves the range of the integers, cut so that neighbours agree.
 //! - [`plane`]: the plane of inverse distance that faces lying over each other share.
 //! - [`setup`]: the triangle that the raster stage works on.
+//! - [`vertices`]: vertices and normals to the screen, eight at a time.
 //! - [`transform`]: the stage itself, subobject by subobject.
 //!
 //! Nothing here knows tiles or shares: every board gets the same triangles, to the bit.
@@ -17,3 +18,4 @@ pub mod clip;
 pub mod plane;
 pub mod setup;
 pub mod transform;
+pub mod vertices;

@@ -7,18 +7,17 @@
 //! sample inside.
 
 use super::camera::{Camera, ViewPoint};
-use super::clip::{ClippedFace, outside};
+use super::clip::{CORNERS_MAX, ClippedFace};
 use super::plane::{FacePlanes, cofactors};
-use super::setup::{ClipRecord, Flags, Plane, Triangle, WHOLE_FACE, area_twice};
+use super::setup::{ClipRecord, Flags, Plane, Triangle, WHOLE_FACE, area_twice, extent, pixels_within};
+use super::vertices::{BEYOND, CUT, NOT_FINITE, Vertices};
 use crate::samples::Pattern;
 use crate::store::{Found, Presence, StoredMesh};
 use crate::texture::MipTexture;
 use crate::translucency::models::Member;
+use fearless_simd::Simd;
 use glam::{DMat3, DVec3};
 use proto::scene::Alpha;
-
-/// Coordinates beyond this, m, are taken for nonsense: their squares would leave f64's range. The face is dropped.
-const COORDINATE_MAX: f64 = 1e100;
 
 /// One subobject of a frame's list, ready to be drawn.
 #[derive(Clone, Copy, Debug)]
@@ -77,6 +76,12 @@ impl<'a> Item<'a> {
         })
     }
 
+    /// [`Item::normals`] with a largest element of 1, so that no product leaves f32's range; zero if it has no scale.
+    pub fn normals_scaled(&self) -> DMat3 {
+        let largest = self.normals.to_cols_array().into_iter().fold(0.0, |m: f64, n| if n.abs() > m { n.abs() } else { m });
+        if largest > 0.0 && largest.is_finite() { self.normals * (1.0 / largest) } else { DMat3::ZERO }
+    }
+
     /// Whether its faces are kept as fragments: they are translucent, or its model is in transition.
     #[inline]
     pub fn is_fragments(&self) -> bool {
@@ -128,34 +133,8 @@ impl GeometryCounts {
     }
 }
 
-/// A vertex on its way to the screen.
-#[derive(Clone, Copy, Debug)]
-struct Vertex {
-    point: ViewPoint,
-    sub: [i32; 2],
-    /// 1/w; 0 where the vertex can't be projected.
-    q: f64,
-    /// Bits of [`outside`]: not zero if a face with this vertex must be cut.
-    cut: u8,
-    /// Bits of [`beside`].
-    beside: u8,
-}
-
-const NOT_FINITE: u8 = 1 << 6;
-const BEYOND: u8 = 1 << 5;
-
-/// Sides of the view (bits 0 to 3) and near plane (bit 4) that a point is outside of, and [`BEYOND`] visibility. A face is out of
-/// the view if all of its vertices are outside of one plane: true in space, behind the eye as well.
-#[inline]
-fn beside(camera: &Camera, p: ViewPoint, range_squared: f64) -> u8 {
-    let t = &camera.tangents;
-    u8::from(p.x < t.left * p.w)
-        | u8::from(p.x > t.right * p.w) << 1
-        | u8::from(p.y < t.bottom * p.w) << 2
-        | u8::from(p.y > t.top * p.w) << 3
-        | u8::from(p.w < camera.near) << 4
-        | if p.x * p.x + p.y * p.y + p.w * p.w > range_squared { BEYOND } else { 0 }
-}
+/// No normals were transformed.
+const NO_NORMALS: u32 = u32::MAX;
 
 /// The triangles of a run of subobjects. Made empty and filled by [`GeometryRun::fill`]; used again frame by frame.
 #[derive(Debug, Default)]
@@ -164,16 +143,24 @@ pub struct GeometryRun {
     pub triangles: Vec<Triangle>,
     /// Records of the pieces of cut faces.
     pub clips: Vec<ClipRecord>,
+    /// Unit normals of vertices, world axes, the fourth number 0; all 0 where a vertex has none.
+    normals: Vec<[f32; 4]>,
+    /// Where an item's begin, from the run's first item on.
+    first_normals: Vec<u32>,
+    /// Number of the run's first item in the list.
+    first_item: usize,
     /// What became of the faces.
     pub counts: GeometryCounts,
-    vertices: Vec<Vertex>,
+    vertices: Vertices,
 }
 
 impl GeometryRun {
     /// Transforms and sets up `items`, the first of which is number `first_item` of the list. `visibility_m` is the range
     /// beyond which nothing is drawn, infinite if there is none.
-    pub fn fill(
+    #[inline(always)]
+    pub fn fill<S: Simd>(
         &mut self,
+        simd: S,
         camera: &Camera,
         pattern: &Pattern,
         visibility_m: f64,
@@ -182,85 +169,85 @@ impl GeometryRun {
     ) {
         self.triangles.clear();
         self.clips.clear();
+        self.normals.clear();
+        self.first_normals.clear();
+        self.first_item = first_item;
         self.counts = GeometryCounts::default();
         for (i, item) in items.iter().enumerate() {
-            self.transform(camera, visibility_m, item);
-            self.set_up(camera, pattern, visibility_m, item, (first_item + i) as u32);
+            self.vertices.transform(simd, camera, visibility_m, item);
+            let before = self.triangles.len();
+            self.set_up(camera, pattern, item, (first_item + i) as u32);
+            let stored = item.stored;
+            let wanted = self.triangles.len() != before && stored.has_normals() && !stored.mesh.material.unlit;
+            let first = if wanted { self.normals.len() as u32 } else { NO_NORMALS };
+            self.first_normals.push(first);
+            if wanted {
+                super::vertices::transform_normals(simd, item, &mut self.normals);
+            }
         }
     }
 
-    fn transform(&mut self, camera: &Camera, visibility_m: f64, item: &Item<'_>) {
-        let mesh = &item.stored.mesh;
-        let range_squared = visibility_m * visibility_m;
-        self.vertices.clear();
-        self.vertices.extend((0..mesh.positions.len()).map(|i| {
-            let point = camera.view_point(item.linear * mesh.position(i) + item.relative);
-            // A NaN fails the comparison.
-            let usable =
-                point.x.abs() < COORDINATE_MAX && point.y.abs() < COORDINATE_MAX && point.w.abs() < COORDINATE_MAX;
-            if !usable {
-                return Vertex { point, sub: [0; 2], q: 0.0, cut: 0, beside: NOT_FINITE };
-            }
-            let cut = outside(camera, point);
-            let beside = beside(camera, point, range_squared);
-            if cut == 0 {
-                Vertex { point, sub: camera.project_sub(point), q: 1.0 / point.w, cut, beside }
-            } else {
-                Vertex { point, sub: [0; 2], q: 0.0, cut, beside }
-            }
-        }));
+    /// The transformed normals of an item's vertices, if there are any.
+    #[inline(always)]
+    pub fn normals_of(&self, item: usize) -> Option<&[[f32; 4]]> {
+        let first = self.first_normals[item - self.first_item];
+        (first != NO_NORMALS).then(|| &self.normals[first as usize..])
     }
 
-    fn set_up(&mut self, camera: &Camera, pattern: &Pattern, visibility_m: f64, item: &Item<'_>, number: u32) {
+    #[inline(always)]
+    fn set_up(&mut self, camera: &Camera, pattern: &Pattern, item: &Item<'_>, number: u32) {
         let mesh = &item.stored.mesh;
         let double_sided = mesh.material.double_sided;
         let mut last_plane = None;
-        let part = if item.part.is_some() { Flags::PART } else { 0 };
+        let seed_flags = if item.part.is_some() { Flags::PART } else { 0 }
+            | if item.cutoff().is_some() { Flags::CUT_OUT } else { 0 };
+        let [columns, rows] = [camera.width as i32, camera.height as i32];
+        let (low, high) = (pattern.low, pattern.high());
         self.counts.faces_in += mesh.triangles.len() as u64;
         for (face, corners) in mesh.triangles.iter().enumerate() {
-            let v = corners.map(|c| self.vertices[c as usize]);
-            let any = v[0].beside | v[1].beside | v[2].beside;
-            if any & NOT_FINITE != 0 {
-                self.counts.not_finite += 1;
-                continue;
-            }
-            // A face may have all vertices beyond the range of visibility and its middle within: BEYOND doesn't reject.
-            if v[0].beside & v[1].beside & v[2].beside & !BEYOND != 0 {
-                self.counts.off_screen += 1;
-                continue;
-            }
-            let seed = Triangle {
-                x: [0; 3],
-                y: [0; 3],
-                plane: Plane::default(),
-                q: [0.0; 3],
-                order: u64::from(item.rank) << 32 | u64::from(mesh.face_numbers[face]),
-                item: number,
-                face: face as u32,
-                clip: WHOLE_FACE,
-                flags: Flags(part | if any & BEYOND != 0 { Flags::BEYOND } else { 0 }),
-            };
-            if v[0].cut | v[1].cut | v[2].cut == 0 {
-                if v.iter().all(|v| v.point.w > visibility_m) {
+            let v = corners.map(|c| c as usize);
+            let codes = v.map(|k| self.vertices.codes[k]);
+            let any = codes[0] | codes[1] | codes[2];
+            let mut flags = seed_flags;
+            if any != 0 {
+                if any & NOT_FINITE != 0 {
+                    self.counts.not_finite += 1;
+                    continue;
+                }
+                // A face may have all vertices beyond the range of visibility and its middle within: BEYOND doesn't reject,
+                // but all past the plane at that distance do.
+                if codes[0] & codes[1] & codes[2] & !(BEYOND | CUT) != 0 {
                     self.counts.off_screen += 1;
                     continue;
                 }
-                let area = area_twice(v[0].sub, v[1].sub, v[2].sub);
-                let Some(flags) = self.side(area, item.mirrored, double_sided) else { continue };
-                let order = if flags & Flags::SWAPPED != 0 { [0, 2, 1] } else { [0, 1, 2] };
-                let triangle = Triangle { flags: Flags(seed.flags.0 | flags), ..seed };
-                let corners = order.map(|k| (v[k].sub, v[k].q));
-                let shared = item.planes.as_ref().and_then(|planes| planes.of_face(camera, face, &mut last_plane));
-                if let Some(triangle) = placed(camera, pattern, triangle, corners, shared) {
-                    self.triangles.push(triangle);
-                } else {
-                    self.counts.no_sample += 1;
+                if any & BEYOND != 0 {
+                    flags |= Flags::BEYOND;
                 }
-            } else {
-                self.counts.clipped += 1;
-                let shared = item.planes.as_ref().and_then(|planes| planes.of_face(camera, face, &mut last_plane));
-                self.set_up_clipped(camera, pattern, item, shared, seed, v.map(|v| v.point));
+                if any & CUT != 0 {
+                    self.counts.clipped += 1;
+                    let shared = item.planes.as_ref().and_then(|p| p.of_face(camera, face, &mut last_plane));
+                    self.set_up_clipped(camera, pattern, item, shared, [number, face as u32], flags, corners);
+                    continue;
+                }
             }
+            let x = v.map(|k| self.vertices.x[k]);
+            let y = v.map(|k| self.vertices.y[k]);
+            let area = area_twice([x[0], y[0]], [x[1], y[1]], [x[2], y[2]]);
+            let Some(side) = self.side(area, item.mirrored, double_sided) else { continue };
+            let [x0, x1] = pixels_within(extent(x), low, high);
+            let [y0, y1] = pixels_within(extent(y), low, high);
+            if x0.max(0) > x1.min(columns - 1) || y0.max(0) > y1.min(rows - 1) {
+                self.counts.no_sample += 1;
+                continue;
+            }
+            flags |= side;
+            let order = if side & Flags::SWAPPED != 0 { [0, 2, 1] } else { [0, 1, 2] };
+            let [x, y] = [x, y].map(|c| order.map(|k| c[k]));
+            let q = order.map(|k| self.vertices.q[v[k]]);
+            let shared = item.planes.as_ref().and_then(|p| p.of_face(camera, face, &mut last_plane));
+            let plane = shared.unwrap_or_else(|| Plane::through(x, y, q));
+            flags |= if shared.is_some() { Flags::SHARED_PLANE } else { 0 };
+            self.triangles.push(Triangle::new(x, y, &plane, number, face as u32, WHOLE_FACE, Flags(flags)));
         }
     }
 
@@ -279,31 +266,37 @@ impl GeometryRun {
         Some(if area < 0 { Flags::SWAPPED } else { 0 } | if front { 0 } else { Flags::BEHIND })
     }
 
+    /// What crosses the near plane or leaves the guard band: cut, then set up piece by piece.
+    #[inline(never)]
     fn set_up_clipped(
         &mut self,
         camera: &Camera,
         pattern: &Pattern,
         item: &Item<'_>,
         shared: Option<Plane>,
-        seed: Triangle,
-        points: [ViewPoint; 3],
+        [number, face]: [u32; 2],
+        flags: u8,
+        vertices: &[u32; 3],
     ) {
+        let points = vertices.map(|v| view_point(camera, item, v as usize));
         let Some(clipped) = ClippedFace::new(camera, points) else {
             self.counts.off_screen += 1;
             return;
         };
         let corners = clipped.corners();
         let count = corners.len();
-        let sub: Vec<[i32; 2]> = corners.iter().map(|c| camera.project_sub(c.point)).collect();
+        let sub: [[i32; 2]; CORNERS_MAX] =
+            std::array::from_fn(|k| corners.get(k).map_or([0; 2], |c| camera.project_sub(c.point)));
         let fan = |apex: usize| (1..count - 1).map(move |k| [apex, (apex + k) % count, (apex + k + 1) % count]);
         let area_of = |[a, b, c]: [usize; 3]| area_twice(sub[a], sub[b], sub[c]);
         // The whole polygon faces one way, and its pieces with it. Rounding may have dented a corner of it by a
         // sub-pixel: take the first fan without a piece turned over.
         let area: i64 = fan(0).map(area_of).sum();
-        let Some(flags) = self.side(area, item.mirrored, item.stored.mesh.material.double_sided) else { return };
-        let swapped = flags & Flags::SWAPPED != 0;
+        let Some(side) = self.side(area, item.mirrored, item.stored.mesh.material.double_sided) else { return };
+        let swapped = side & Flags::SWAPPED != 0;
         let is_good = |piece: [usize; 3]| if swapped { area_of(piece) <= 0 } else { area_of(piece) >= 0 };
         let apex = (0..count).find(|apex| fan(*apex).all(is_good)).unwrap_or(0);
+        let flags = Flags(flags | side | if shared.is_some() { Flags::SHARED_PLANE } else { 0 });
 
         let first = self.triangles.len();
         for [a, b, c] in fan(apex) {
@@ -311,14 +304,17 @@ impl GeometryRun {
             if area_of(order) <= 0 {
                 continue;
             }
-            let triangle = Triangle { flags: Flags(seed.flags.0 | flags), clip: self.clips.len() as u32, ..seed };
-            let corners = order.map(|k| (sub[k], 1.0 / corners[k].point.w));
-            let placed = placed(camera, pattern, triangle, corners, shared);
-            if let Some(triangle) = placed {
-                let before = (self.triangles.len() - first) as u8;
-                self.clips.push(ClipRecord { weights: order.map(|k| clipped.corners()[k].weights), before, pieces: 0 });
-                self.triangles.push(triangle);
+            let (x, y) = (order.map(|k| sub[k][0]), order.map(|k| sub[k][1]));
+            let [x0, x1] = pixels_within(extent(x), pattern.low, pattern.high());
+            let [y0, y1] = pixels_within(extent(y), pattern.low, pattern.high());
+            if x0.max(0) > x1.min(camera.width as i32 - 1) || y0.max(0) > y1.min(camera.height as i32 - 1) {
+                continue;
             }
+            let plane = shared.unwrap_or_else(|| Plane::through(x, y, order.map(|k| 1.0 / corners[k].point.w)));
+            let clip = self.clips.len() as u32;
+            let before = (self.triangles.len() - first) as u8;
+            self.clips.push(ClipRecord { weights: order.map(|k| corners[k].weights), before, pieces: 0 });
+            self.triangles.push(Triangle::new(x, y, &plane, number, face, clip, flags));
         }
         let pieces = self.triangles.len() - first;
         if pieces == 0 {
@@ -331,22 +327,7 @@ impl GeometryRun {
     }
 }
 
-/// A triangle with its corners (positive area) and its plane, `shared` if it lies over others; `None` if no pixel of the view has a sample in its extent.
-#[inline]
-fn placed(
-    camera: &Camera,
-    pattern: &Pattern,
-    mut triangle: Triangle,
-    corners: [([i32; 2], f64); 3],
-    shared: Option<Plane>,
-) -> Option<Triangle> {
-    triangle.x = corners.map(|(sub, _)| sub[0]);
-    triangle.y = corners.map(|(sub, _)| sub[1]);
-    let [[x0, x1], [y0, y1]] = triangle.pixels(pattern.low, pattern.high());
-    if x0.max(0) > x1.min(camera.width as i32 - 1) || y0.max(0) > y1.min(camera.height as i32 - 1) {
-        return None;
-    }
-    triangle.q = corners.map(|(_, q)| q);
-    triangle.plane = shared.unwrap_or_else(|| Triangle::plane_through(triangle.x, triangle.y, triangle.q));
-    Some(triangle)
+/// A vertex in view axes: the scalar twin of [`Vertices::transform`], the same operations in the same order.
+pub(crate) fn view_point(camera: &Camera, item: &Item<'_>, vertex: usize) -> ViewPoint {
+    camera.view_point(item.linear * item.stored.mesh.position(vertex) + item.relative)
 }

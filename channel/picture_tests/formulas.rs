@@ -3,6 +3,7 @@
 use super::{ALL_SAMPLES, assert_near, at_origin, checker, near, wall};
 use crate::oracle::*;
 use crate::pipeline::Renderer;
+use crate::samples::Pattern;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use proto::frame::{Background, Environment};
 use proto::ids::SubobjectId;
@@ -258,8 +259,14 @@ fn the_sky_is_seen_by_elevation() {
     let picture = draw(&at_origin(vec![]), &state, &view(33, 33, Samples::Four));
     assert_eq!(picture.at(16, 30), [0.60, 0.70, 0.80]);
     assert_eq!(picture.at(16, 2), [0.15, 0.30, 0.60]);
-    // Column 16 looks straight ahead; the centre of row 12 is 4/16.5 above.
-    let part = f64::atan(4.0 / 16.5).to_degrees() / 30.0;
+    // Column 16 looks straight ahead; the centre of row 12 is 4/16.5 above. A pixel is the mean of its samples' skies.
+    let part: f64 = Pattern::of(Samples::Four).points[..4]
+        .iter()
+        .map(|[x, y]| {
+            let [right, up] = [f64::from(x - 128) / 256.0, 4.0 - f64::from(y - 128) / 256.0].map(|c| c / 16.5);
+            (up / (right * right + 1.0).sqrt()).atan().to_degrees() / 30.0 / 4.0
+        })
+        .sum();
     let mix = |h: f64, z: f64| h + (z - h) * part;
     assert_near(picture.at(16, 12), [mix(0.6, 0.15), mix(0.7, 0.3), mix(0.8, 0.6)], 1e-6);
 }

@@ -1,4 +1,7 @@
-//! Triangles sorted into tiles: a counting sort of (tile, triangle) pairs that keeps the order of the list.
+//! Triangles sorted into tiles: per run of geometry a counting sort of (tile, triangle) pairs that keeps the order of the list.
+//!
+//! Each run sorts its own triangles, in the thread that made them; a tile then goes through the runs in order. So nothing is
+//! joined, copied or locked between geometry and tiles, and the order is that of the list whatever the number of threads.
 //!
 //! Opaque (and MASK) triangles and translucent ones are kept apart, because the second kind is only looked at when a
 //! tile's opaque faces are known. A large triangle is tested against each tile of its extent, so that a long diagonal one
@@ -12,13 +15,33 @@ use proto::frame::{TILE, TileIndex, tile_grid};
 /// No bin: the tile belongs to another board.
 const NOT_OURS: u32 = u32::MAX;
 
-/// The triangles of each owned tile.
+/// Which tiles of a view are drawn, and as which bins.
 #[derive(Debug, Default)]
-pub struct Bins {
+pub struct TileMap {
     /// Bin of each tile of the view's grid, row by row.
     slots: Vec<u32>,
     columns: u32,
-    rows: u32,
+    width: u32,
+    height: u32,
+    bins: usize,
+}
+
+impl TileMap {
+    /// Makes `tiles` of a view of `width` × `height` pixels the bins, in their order.
+    pub fn set(&mut self, width: u32, height: u32, tiles: &[TileIndex]) {
+        let (columns, rows) = tile_grid(width, height);
+        (self.columns, self.width, self.height, self.bins) = (columns, width, height, tiles.len());
+        self.slots.clear();
+        self.slots.resize(columns as usize * rows as usize, NOT_OURS);
+        for (slot, tile) in tiles.iter().enumerate() {
+            self.slots[usize::from(tile.y) * columns as usize + usize::from(tile.x)] = slot as u32;
+        }
+    }
+}
+
+/// The triangles of one run in each drawn tile.
+#[derive(Debug, Default)]
+pub struct RunBins {
     opaque: Side,
     translucent: Side,
 }
@@ -31,36 +54,30 @@ struct Side {
     triangles: Vec<u32>,
 }
 
-impl Bins {
-    /// Sorts `triangles` into `tiles` of a view of `width` × `height` pixels; `is_translucent` tells the kinds apart.
+impl RunBins {
+    /// Sorts a run's triangles; `is_fragments` tells the kinds apart by the triangle's item.
+    #[inline(always)]
     pub fn fill(
         &mut self,
         pattern: &Pattern,
-        width: u32,
-        height: u32,
-        tiles: &[TileIndex],
+        map: &TileMap,
         triangles: &[Triangle],
-        is_translucent: impl Fn(&Triangle) -> bool,
+        is_fragments: impl Fn(&Triangle) -> bool,
     ) {
-        (self.columns, self.rows) = tile_grid(width, height);
-        self.slots.clear();
-        self.slots.resize(self.columns as usize * self.rows as usize, NOT_OURS);
-        for (slot, tile) in tiles.iter().enumerate() {
-            self.slots[usize::from(tile.y) * self.columns as usize + usize::from(tile.x)] = slot as u32;
-        }
         self.opaque.pairs.clear();
         self.translucent.pairs.clear();
+        let tile = TILE.trailing_zeros();
+        let side_sub = TILE as i32 * SUBPIXELS;
+        let last = [map.width as i32 - 1, map.height as i32 - 1];
         for (number, triangle) in triangles.iter().enumerate() {
-            let side = if is_translucent(triangle) { &mut self.translucent } else { &mut self.opaque };
+            let side = if is_fragments(triangle) { &mut self.translucent } else { &mut self.opaque };
             let [[x0, x1], [y0, y1]] = triangle.pixels(pattern.low, pattern.high());
-            let tile = TILE as i32;
-            let (x0, x1) = (x0.max(0) / tile, x1.min(width as i32 - 1) / tile);
-            let (y0, y1) = (y0.max(0) / tile, y1.min(height as i32 - 1) / tile);
-            let edges = ((x1 - x0 + 1) * (y1 - y0 + 1) > 4).then(|| Edges::of(triangle));
+            let (x0, x1) = (x0.max(0) >> tile, x1.min(last[0]) >> tile);
+            let (y0, y1) = (y0.max(0) >> tile, y1.min(last[1]) >> tile);
+            let edges = ((x1 - x0 + 1) * (y1 - y0 + 1) > 2).then(|| Edges::of(triangle));
             for y in y0..=y1 {
                 for x in x0..=x1 {
-                    let slot = self.slots[(y as u32 * self.columns + x as u32) as usize];
-                    let side_sub = tile * SUBPIXELS;
+                    let slot = map.slots[(y as u32 * map.columns + x as u32) as usize];
                     let misses = |e: &Edges| e.misses(x * side_sub, y * side_sub, pattern.low, side_sub - pattern.low);
                     if slot != NOT_OURS && !edges.as_ref().is_some_and(misses) {
                         side.pairs.push([slot, number as u32]);
@@ -68,8 +85,8 @@ impl Bins {
                 }
             }
         }
-        self.opaque.sort(tiles.len());
-        self.translucent.sort(tiles.len());
+        self.opaque.sort(map.bins);
+        self.translucent.sort(map.bins);
     }
 
     /// The opaque and MASK triangles of a bin, in the order of the list.
@@ -86,6 +103,10 @@ impl Bins {
 impl Side {
     fn sort(&mut self, bins: usize) {
         self.starts.clear();
+        self.triangles.clear();
+        if self.pairs.is_empty() {
+            return;
+        }
         self.starts.resize(bins + 2, 0);
         for [slot, _] in &self.pairs {
             self.starts[*slot as usize + 2] += 1;
@@ -93,7 +114,6 @@ impl Side {
         for k in 2..self.starts.len() {
             self.starts[k] += self.starts[k - 1];
         }
-        self.triangles.clear();
         self.triangles.resize(self.pairs.len(), 0);
         for [slot, number] in &self.pairs {
             let place = &mut self.starts[*slot as usize + 1];
@@ -103,6 +123,9 @@ impl Side {
     }
 
     fn bin(&self, slot: usize) -> &[u32] {
+        if self.starts.is_empty() {
+            return &[];
+        }
         &self.triangles[self.starts[slot] as usize..self.starts[slot + 1] as usize]
     }
 }

@@ -4,15 +4,22 @@
 //! edge belongs to the triangle if the edge is a top or a left one; for the other edges C is lessened by 1, so that
 //! "inside" is E ≥ 0 for all three, and a point on an edge shared by two triangles belongs to exactly one.
 //!
-//! Coarse to fine, all with the same functions: a block of 8 × 8 pixels is left out if all of its sample range lies
-//! outside of one edge; a pixel whose sample range lies inside of all edges is covered by as many samples as there are;
-//! only for edges that cross a pixel's sample range are samples asked one by one. With one sample that range is
-//! a point, and the last case doesn't occur.
+//! Coarse to fine, all with the same functions. A block of 8 × 8 pixels is left out if all of its sample range lies outside of one
+//! edge, and is taken whole if it lies inside of all. Where an edge crosses the block, two masks of 64 pixels come from one
+//! pass over its lattice: the pixels that have the sample range partly inside of all edges (*touched*), and those that have it
+//! wholly inside (*full*). Only in pixels that are touched and not full are samples asked one by one. With one sample that
+//! range is a point, and the last case doesn't occur.
+//!
+//! The bit budget of the lattice: a pixel's E differs from the block's by 256 · (A·i + B·j) with i, j < 8, so
+//! E ≥ 0 is the same as A·i + B·j + ⌊E₀/256⌋ ≥ 0. With |A|, |B| ≤ 2²⁵ the sum A·i + B·j is below 2²⁹, and so is the
+//! other term where the edge crosses the block: 32 bits suffice for triangles of any size.
 
 #![deny(clippy::float_arithmetic)]
 
+use crate::geometry::camera::GUARD_BITS;
 use crate::geometry::setup::Triangle;
-use crate::samples::{Pattern, SUBPIXELS};
+use crate::samples::{Pattern, SUBPIXEL_BITS, SUBPIXELS};
+use fearless_simd::{Simd, i32x16, prelude::*};
 use proto::frame::{PixelRect, TILE};
 
 /// Side of a block, pixels.
@@ -21,8 +28,20 @@ pub const BLOCK: u32 = 8;
 pub const BLOCKS_PER_ROW: u32 = TILE / BLOCK;
 /// Blocks of a tile.
 pub const BLOCKS: usize = (BLOCKS_PER_ROW * BLOCKS_PER_ROW) as usize;
-/// Pixels of a tile, and the stride of its rows.
+/// Pixels of a block: one bit each in a mask, row by row.
+pub const BLOCK_PIXELS: usize = (BLOCK * BLOCK) as usize;
+/// Pixels of a tile. Arrays over them go block by block, and within a block row by row.
 pub const TILE_PIXELS: usize = (TILE * TILE) as usize;
+
+/// Place of a tile's pixel in arrays over its pixels.
+#[inline(always)]
+pub fn pixel_number(x: u32, y: u32) -> usize {
+    let block = (y / BLOCK) * BLOCKS_PER_ROW + x / BLOCK;
+    (block * BLOCK * BLOCK + y % BLOCK * BLOCK + x % BLOCK) as usize
+}
+
+const _: () = assert!(BLOCK_PIXELS == 64, "a block's pixels are the bits of a u64");
+const _: () = assert!(GUARD_BITS + 1 + 1 + 3 < 31, "A·i + B·j of a block must fit in an i32");
 
 /// Edges no longer than this along either axis, sub, have sample tables in i32: |A| + |B| < 2²¹ per sub-pixel times 2⁸
 /// sub-pixels is below 2²⁹, for a table entry as well as for E at the pixel's corner when the edge crosses the pixel.
@@ -101,145 +120,155 @@ impl Edges {
     }
 }
 
-/// Who takes the covered pixels of a triangle in a tile.
-pub trait CoverageSink {
-    /// Whether block `block` (row by row) may be left out. Asked once per block that the triangle may touch.
-    fn skips(&mut self, block: usize) -> bool;
-
-    /// All samples of all pixels of a block are covered: `columns` × `rows` pixels from `pixel` on.
-    fn block(&mut self, block: usize, pixel: usize, columns: usize, rows: usize);
-
-    /// These samples of a pixel are covered; at least one. `pixel` counts the tile's pixels row by row, 32 in a row also
-    /// where the view's border cuts the tile off.
-    fn pixel(&mut self, pixel: usize, mask: u64);
+/// Which pixels of a block a triangle covers: bit 8·row + column.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BlockCover {
+    /// Pixels with a sample that may be covered; all that have one.
+    pub touched: u64,
+    /// Pixels whose samples are all covered.
+    pub full: u64,
 }
 
-/// Gives `sink` the pixels of `rect`, a tile's, that the triangle covers.
-pub fn cover(pattern: &Pattern, triangle: &Triangle, rect: PixelRect, sink: &mut impl CoverageSink) {
-    let [[x0, x1], [y0, y1]] = triangle.pixels(pattern.low, pattern.high());
-    let x = [x0.max(rect.x0 as i32), x1.min(rect.x1 as i32 - 1)];
-    let y = [y0.max(rect.y0 as i32), y1.min(rect.y1 as i32 - 1)];
-    if x[0] > x[1] || y[0] > y[1] {
-        return;
-    }
-    let edges = Edges::of(triangle);
-    let mut walk = Walk::new(pattern, edges, rect);
-    let block = BLOCK as i32;
-    // Relative to the tile from here on.
-    let (left, top) = (rect.x0 as i32, rect.y0 as i32);
-    let (columns, rows) = (x.map(|x| x - left), y.map(|y| y - top));
-    for by in rows[0] / block..=rows[1] / block {
-        for bx in columns[0] / block..=columns[1] / block {
-            let pixels_x = [columns[0].max(bx * block), columns[1].min(bx * block + block - 1)];
-            let pixels_y = [rows[0].max(by * block), rows[1].min(by * block + block - 1)];
-            walk.block(bx, by, pixels_x, pixels_y, sink);
-        }
-    }
-}
-
-/// One triangle's walk over one tile.
-struct Walk<'a> {
+/// One triangle's coverage of one tile.
+#[derive(Debug)]
+pub struct TileCover<'a> {
     pattern: &'a Pattern,
     edges: Edges,
-    rect: PixelRect,
+    /// The tile's upper left, sub.
+    corner: [i32; 2],
+    /// First and last block, columns and rows.
+    blocks: [[i32; 2]; 2],
     /// Least and most that each edge gains within a pixel's sample range.
     least: [i64; 3],
     most: [i64; 3],
-    /// What each edge gains from the pixel's upper left to each sample, made when first needed.
-    tables: [[i32; 64]; 3],
-    has_table: [bool; 3],
+    /// Least and most that each edge gains within a block's sample range.
+    block_least: [i64; 3],
+    block_most: [i64; 3],
 }
 
-impl<'a> Walk<'a> {
-    #[inline]
-    fn new(pattern: &'a Pattern, edges: Edges, rect: PixelRect) -> Self {
+/// What each edge of a triangle gains from a pixel's upper left to each sample, made when first needed.
+#[derive(Debug)]
+pub struct SampleTables {
+    gains: [[i32; 64]; 3],
+    are_made: [bool; 3],
+}
+
+impl Default for SampleTables {
+    fn default() -> Self {
+        Self { gains: [[0; 64]; 3], are_made: [false; 3] }
+    }
+}
+
+impl SampleTables {
+    /// Forgets the triangle before.
+    #[inline(always)]
+    pub fn clear(&mut self) {
+        self.are_made = [false; 3];
+    }
+}
+
+impl<'a> TileCover<'a> {
+    /// Of a triangle in `rect`, a tile's; `None` if its extent has no sample there.
+    #[inline(always)]
+    pub fn new(pattern: &'a Pattern, triangle: &Triangle, rect: PixelRect) -> Option<Self> {
         let (low, high) = (pattern.low, pattern.high());
-        Self {
+        let [[x0, x1], [y0, y1]] = triangle.pixels(low, high);
+        let (left, top) = (rect.x0 as i32, rect.y0 as i32);
+        let x = [x0.max(left), x1.min(rect.x1 as i32 - 1)];
+        let y = [y0.max(top), y1.min(rect.y1 as i32 - 1)];
+        if x[0] > x[1] || y[0] > y[1] {
+            return None;
+        }
+        let edges = Edges::of(triangle);
+        let (block, block_high) = (BLOCK.trailing_zeros(), BLOCK as i32 * SUBPIXELS - low);
+        Some(Self {
             pattern,
             edges,
-            rect,
+            corner: [left * SUBPIXELS, top * SUBPIXELS],
+            blocks: [x.map(|x| (x - left) >> block), y.map(|y| (y - top) >> block)],
             least: std::array::from_fn(|k| edges.smallest(k, low, high)),
             most: std::array::from_fn(|k| edges.largest(k, low, high)),
-            tables: [[0; 64]; 3],
-            has_table: [false; 3],
-        }
+            block_least: std::array::from_fn(|k| edges.smallest(k, low, block_high)),
+            block_most: std::array::from_fn(|k| edges.largest(k, low, block_high)),
+        })
     }
 
-    #[inline]
-    fn block(&mut self, bx: i32, by: i32, x: [i32; 2], y: [i32; 2], sink: &mut impl CoverageSink) {
-        let number = (by * BLOCKS_PER_ROW as i32 + bx) as usize;
-        let (left, top) = (self.rect.x0 as i32, self.rect.y0 as i32);
-        let (columns, rows) = ((x[1] - x[0]) as i64, (y[1] - y[0]) as i64);
-        // Each edge at the upper left of the first pixel, and its steps.
-        let step_x = self.edges.a.map(|a| a * i64::from(SUBPIXELS));
-        let step_y = self.edges.b.map(|b| b * i64::from(SUBPIXELS));
-        let corner: [i64; 3] =
-            std::array::from_fn(|k| self.edges.at(k, (left + x[0]) * SUBPIXELS, (top + y[0]) * SUBPIXELS));
-        let mut all_inside = true;
+    /// The numbers of the blocks that the triangle's extent meets, row by row.
+    #[inline(always)]
+    pub fn blocks(&self) -> impl Iterator<Item = usize> + use<> {
+        let [columns, rows] = self.blocks;
+        let columns = columns[0]..columns[1] + 1;
+        (rows[0]..rows[1] + 1)
+            .flat_map(move |y| columns.clone().map(move |x| (y * BLOCKS_PER_ROW as i32 + x) as usize))
+    }
+
+    /// The pixels of a block that the triangle covers, beyond the view's border as well.
+    #[inline(always)]
+    pub fn block<S: Simd>(&self, simd: S, block: usize) -> BlockCover {
+        let [x, y] = self.block_corner(block);
+        let at: [i64; 3] = std::array::from_fn(|k| self.edges.at(k, x, y));
+        let mut crossed = [false; 3];
         for k in 0..3 {
-            let (gain_x, gain_y) = (step_x[k] * columns, step_y[k] * rows);
-            if corner[k] + self.most[k] + gain_x.max(0) + gain_y.max(0) < 0 {
-                return;
+            if at[k] + self.block_most[k] < 0 {
+                return BlockCover::default();
             }
-            all_inside &= corner[k] + self.least[k] + gain_x.min(0) + gain_y.min(0) >= 0;
+            crossed[k] = at[k] + self.block_least[k] < 0;
         }
-        if sink.skips(number) {
-            return;
+        if crossed == [false; 3] {
+            return BlockCover { touched: u64::MAX, full: u64::MAX };
         }
-        let first = y[0] as usize * TILE as usize + x[0] as usize;
-        if all_inside {
-            if x[1] - x[0] == BLOCK as i32 - 1 && y[1] - y[0] == BLOCK as i32 - 1 {
-                sink.block(number, first, BLOCK as usize, BLOCK as usize);
-            } else {
-                for row in 0..=rows as usize {
-                    for column in 0..=columns as usize {
-                        sink.pixel(first + row * TILE as usize + column, self.pattern.full);
-                    }
-                }
+        let lattice: [[i32; 16]; 2] = LATTICE;
+        let [columns, rows] = lattice.map(|c| i32x16::simd_from(simd, c));
+        let zero = i32x16::splat(simd, 0);
+        let mut outside = [zero; 4];
+        let mut partial = [zero; 4];
+        for k in 0..3 {
+            if !crossed[k] {
+                continue;
             }
-            return;
-        }
-        let mut row_start = corner;
-        for row in 0..=rows as usize {
-            let mut e = row_start;
-            for column in 0..=columns as usize {
+            let (a, b) = (self.edges.a[k] as i32, self.edges.b[k] as i32);
+            let most = ((at[k] + self.most[k]) >> SUBPIXEL_BITS) as i32;
+            let least = ((at[k] + self.least[k]) >> SUBPIXEL_BITS) as i32;
+            let mut steps = columns * a + rows * b;
+            for group in 0..4 {
                 // A negative number's sign bit survives an OR.
-                let outside = (e[0] + self.most[0]) | (e[1] + self.most[1]) | (e[2] + self.most[2]);
-                if outside >= 0 {
-                    let crossed = (e[0] + self.least[0]) | (e[1] + self.least[1]) | (e[2] + self.least[2]);
-                    let mask = if crossed >= 0 { self.pattern.full } else { self.partial(e) };
-                    if mask != 0 {
-                        sink.pixel(first + row * TILE as usize + column, mask);
-                    }
-                }
-                for (e, step) in e.iter_mut().zip(step_x) {
-                    *e += step;
-                }
-            }
-            for (e, step) in row_start.iter_mut().zip(step_y) {
-                *e += step;
+                outside[group] = outside[group] | (steps + most);
+                partial[group] = partial[group] | (steps + least);
+                steps = steps + 2 * b;
             }
         }
+        let mask = |groups: [i32x16<S>; 4]| {
+            let bits = groups.map(|g| g.simd_ge(zero).to_bitmask());
+            bits[0] | bits[1] << 16 | bits[2] << 32 | bits[3] << 48
+        };
+        let touched = mask(outside);
+        // With one sample, least and most are the same.
+        let full = if self.pattern.count == 1 { touched } else { mask(partial) };
+        BlockCover { touched, full }
     }
 
-    /// The covered samples of a pixel that edges cross, from the edges' values at its upper left.
-    #[inline]
-    fn partial(&mut self, e: [i64; 3]) -> u64 {
+    /// The covered samples of a touched pixel; may be none. `tables` are this triangle's.
+    #[inline(always)]
+    pub fn samples<S: Simd>(&self, simd: S, tables: &mut SampleTables, block: usize, pixel: u32) -> u64 {
+        let [x, y] = self.block_corner(block);
+        let (x, y) = (x + (pixel % BLOCK) as i32 * SUBPIXELS, y + (pixel / BLOCK) as i32 * SUBPIXELS);
         let mut mask = self.pattern.full;
-        for (k, e) in e.into_iter().enumerate() {
+        for k in 0..3 {
+            let e = self.edges.at(k, x, y);
             if e + self.least[k] >= 0 {
                 continue;
             }
             let (a, b) = (self.edges.a[k], self.edges.b[k]);
             if a.abs() < SHORT_EDGE && b.abs() < SHORT_EDGE {
-                if !self.has_table[k] {
-                    self.has_table[k] = true;
-                    let (a, b) = (a as i32, b as i32);
-                    for (entry, [x, y]) in self.tables[k].iter_mut().zip(&self.pattern.points[..self.pattern.count]) {
-                        *entry = a * x + b * y;
-                    }
+                if !tables.are_made[k] {
+                    tables.are_made[k] = true;
+                    self.make_table(simd, k, &mut tables.gains[k]);
                 }
-                mask &= not_negative(e as i32, &self.tables[k][..self.pattern.count.next_multiple_of(8)]);
+                // An edge that has the whole pixel outside gives no samples; else |E| is as small as the table's entries.
+                if e + self.most[k] < 0 {
+                    return 0;
+                }
+                mask &= not_negative(simd, e as i32, &tables.gains[k], self.pattern.count);
             } else {
                 for (i, [x, y]) in self.pattern.points[..self.pattern.count].iter().enumerate() {
                     let inside = e + a * i64::from(*x) + b * i64::from(*y) >= 0;
@@ -249,21 +278,38 @@ impl<'a> Walk<'a> {
         }
         mask
     }
+
+    #[inline(always)]
+    fn make_table<S: Simd>(&self, simd: S, k: usize, gains: &mut [i32; 64]) {
+        let (a, b) = (self.edges.a[k] as i32, self.edges.b[k] as i32);
+        for from in (0..self.pattern.count).step_by(16) {
+            let x = i32x16::from_slice(simd, &self.pattern.points_x[from..from + 16]);
+            let y = i32x16::from_slice(simd, &self.pattern.points_y[from..from + 16]);
+            (x * a + y * b).store_slice(&mut gains[from..from + 16]);
+        }
+    }
+
+    /// Upper left of a block, sub.
+    #[inline(always)]
+    fn block_corner(&self, block: usize) -> [i32; 2] {
+        let [x, y] = self.corner;
+        let (column, row) = (block as i32 % BLOCKS_PER_ROW as i32, block as i32 / BLOCKS_PER_ROW as i32);
+        let side = BLOCK as i32 * SUBPIXELS;
+        [x + column * side, y + row * side]
+    }
 }
 
-/// Bit i: whether `base + table[i]` is not negative; a table of 8 to 64 entries, in eights. Entries beyond the pattern give
-/// bits that the caller masks away.
-#[inline]
-fn not_negative(base: i32, table: &[i32]) -> u64 {
+/// Column and row of the first 16 pixels of a block.
+const LATTICE: [[i32; 16]; 2] =
+    [[0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7], [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1]];
+
+/// Bit i: whether `base + table[i]` is not negative, for the first `count` entries.
+#[inline(always)]
+fn not_negative<S: Simd>(simd: S, base: i32, table: &[i32; 64], count: usize) -> u64 {
     let mut mask = 0;
-    for (group, entries) in table.chunks_exact(8).enumerate() {
-        // Eight bytes of 0 or 1, then gathered to eight bits by a multiplication: byte i lands in bit 56 + i.
-        let mut bytes = [0u8; 8];
-        for (byte, entry) in bytes.iter_mut().zip(entries) {
-            *byte = u8::from(base + entry >= 0);
-        }
-        let gathered = u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-        mask |= gathered << (8 * group);
+    for from in (0..count).step_by(16) {
+        let sum = i32x16::from_slice(simd, &table[from..from + 16]) + base;
+        mask |= sum.simd_ge(0).to_bitmask() << from;
     }
     mask
 }
@@ -273,6 +319,7 @@ mod tests {
     use super::*;
     use crate::geometry::setup::{Flags, Plane, WHOLE_FACE, area_twice};
     use crate::oracle::{Random, point_in_triangle};
+    use crate::simd::every_level;
     use proto::frame::TileIndex;
     use proto::view::Samples;
 
@@ -281,32 +328,40 @@ mod tests {
     /// Counts how often each sample of a tile is hit.
     struct Count {
         hits: Vec<[u32; 64]>,
-        full: u64,
     }
 
     impl Count {
-        fn new(pattern: &Pattern) -> Self {
-            Self { hits: vec![[0; 64]; TILE_PIXELS], full: pattern.full }
-        }
-    }
-
-    impl CoverageSink for Count {
-        fn skips(&mut self, _block: usize) -> bool {
-            false
+        fn new() -> Self {
+            Self { hits: vec![[0; 64]; TILE_PIXELS] }
         }
 
-        fn block(&mut self, _block: usize, pixel: usize, columns: usize, rows: usize) {
-            for row in 0..rows {
-                for column in 0..columns {
-                    self.pixel(pixel + row * TILE as usize + column, self.full);
+        /// Adds what a triangle covers, at every level, all of which must agree.
+        fn cover(&mut self, pattern: &Pattern, triangle: &Triangle, rect: PixelRect) {
+            let Some(cover) = TileCover::new(pattern, triangle, rect) else { return };
+            for block in cover.blocks() {
+                let found: Vec<BlockCover> = every_level()
+                    .into_iter()
+                    .map(|level| fearless_simd::dispatch!(level, simd => cover.block(simd, block)))
+                    .collect();
+                assert!(found.iter().all(|f| *f == found[0]), "{found:?}");
+                let BlockCover { touched, full } = found[0];
+                assert_eq!(full & !touched, 0, "what is full is touched");
+                for pixel in (0..64).filter(|p| touched >> p & 1 != 0) {
+                    let masks: Vec<u64> = every_level()
+                        .into_iter()
+                        .map(|level| {
+                            let mut tables = SampleTables::default();
+                            fearless_simd::dispatch!(level, simd => cover.samples(simd, &mut tables, block, pixel))
+                        })
+                        .collect();
+                    assert!(masks.iter().all(|m| *m == masks[0]), "{masks:?}");
+                    let is_full = full >> pixel & 1 != 0;
+                    assert!(!is_full || masks[0] == pattern.full, "block {block}, pixel {pixel}");
+                    assert!(pattern.count > 1 || is_full, "one sample: touched is full");
+                    for (i, hit) in self.hits[block * BLOCK_PIXELS + pixel as usize].iter_mut().enumerate() {
+                        *hit += (masks[0] >> i & 1) as u32;
+                    }
                 }
-            }
-        }
-
-        fn pixel(&mut self, pixel: usize, mask: u64) {
-            assert!(mask != 0 && mask & !self.full == 0, "pixel {pixel}: {mask:b}");
-            for (i, hit) in self.hits[pixel].iter_mut().enumerate() {
-                *hit += (mask >> i & 1) as u32;
             }
         }
     }
@@ -316,17 +371,9 @@ mod tests {
         let [a, b, c] = corners;
         let area = area_twice(a, b, c);
         let [a, b, c] = if area < 0 { [a, c, b] } else { [a, b, c] };
-        (area != 0).then_some(Triangle {
-            x: [a[0], b[0], c[0]],
-            y: [a[1], b[1], c[1]],
-            plane: Plane::default(),
-            q: [1.0; 3],
-            order: 0,
-            item: 0,
-            face: 0,
-            clip: WHOLE_FACE,
-            flags: Flags(0),
-        })
+        let (x, y) = ([a[0], b[0], c[0]], [a[1], b[1], c[1]]);
+        let plane = Plane { x: x[0], y: y[0], ..Plane::default() };
+        (area != 0).then(|| Triangle::new(x, y, &plane, 0, 0, WHOLE_FACE, Flags(0)))
     }
 
     fn tile(x: u16, y: u16) -> PixelRect {
@@ -340,7 +387,7 @@ mod tests {
                 (0..pattern.count).map(move |i| {
                     let [dx, dy] = pattern.points[i];
                     let at = [(rect.x0 + x) as i32 * SUBPIXELS + dx, (rect.y0 + y) as i32 * SUBPIXELS + dy];
-                    ((y * TILE + x) as usize, i, at)
+                    (pixel_number(x, y), i, at)
                 })
             })
         })
@@ -363,8 +410,8 @@ mod tests {
                 })
             });
             let Some(triangle) = triangle(corners) else { continue };
-            let mut count = Count::new(pattern);
-            cover(pattern, &triangle, rect, &mut count);
+            let mut count = Count::new();
+            count.cover(pattern, &triangle, rect);
             let edges = Edges::of(&triangle);
             for (pixel, i, at) in samples(pattern, rect) {
                 let inside = point_in_triangle(corners.map(|c| c.map(i128::from)), at.map(i128::from));
@@ -398,14 +445,14 @@ mod tests {
                 })
                 .collect();
             let at = |i: i32, j: i32| corner[(j * (cells + 1) + i) as usize];
-            let mut count = Count::new(pattern);
+            let mut count = Count::new();
             for j in 0..cells {
                 for i in 0..cells {
                     let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
                     let pair = if random.below(2) == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
                     for corners in pair {
                         if let Some(triangle) = triangle(corners) {
-                            cover(pattern, &triangle, tile(0, 0), &mut count);
+                            count.cover(pattern, &triangle, tile(0, 0));
                         }
                     }
                 }

@@ -1,17 +1,21 @@
-//! The raster stage of a tile: its opaque and MASK triangles, in the order of the list, into [`Visible`].
+//! The opaque stage of a tile: which face each sample sees, triangle by triangle.
 //!
-//! Lists run front to back, so most of what comes late is hidden. Per block of 8 × 8 pixels a *far bound* is kept: a q that
-//! every sample of the block is known to reach, because some face that covers all of it does. A triangle whose q over
-//! the block stays below is left out there without a look at a pixel. It is a bound and only ever spares work; what
-//! is seen doesn't depend on it, nor on the order in which triangles come.
+//! Triangles come roughly from front to back, so most of what is hidden is found hidden block by block: every block knows how far one
+//! can see in it at least ([`Visible::far`]), and a triangle that lies wholly farther is left out there, or in all of the
+//! tile. Then coverage makes masks of the block's 64 pixels, and bounds of depth decide for 16 of them at a time whether the
+//! face is in front of what is there or behind. What is left over is looked at one by one: pixels on the triangle's rim, and those
+//! where bounds overlap. All of that saves work; what is seen doesn't depend on it, nor on the order in which triangles come.
 
-use super::coverage::{BLOCK, BLOCKS, BLOCKS_PER_ROW, CoverageSink, cover};
-use super::depth::{bounds, in_front};
-use super::visible::Visible;
+use super::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW, SampleTables, TileCover};
+use super::depth::{BlockDepth, bounds, in_front};
+use super::visible::{Arriving, Visible};
+use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Triangle};
+use crate::pipeline::Skips;
 use crate::samples::SUBPIXELS;
-use crate::shade::{FaceCache, Shader};
-use proto::frame::{PixelRect, TILE};
+use crate::shade::FaceCache;
+use fearless_simd::Simd;
+use proto::frame::PixelRect;
 
 /// What became of a tile's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,172 +37,155 @@ impl RasterCounts {
     }
 }
 
-/// What is known of how far one can see in a tile.
-#[derive(Clone, Debug)]
-pub struct FarBounds {
-    /// Per block: all samples see something with at least this q.
-    blocks: [f64; BLOCKS],
-    /// The least of them.
-    tile: f64,
-}
-
-impl FarBounds {
-    /// Nothing is hidden.
-    pub const OPEN: Self = Self { blocks: [f64::NEG_INFINITY; BLOCKS], tile: f64::NEG_INFINITY };
-
-    /// Whether a triangle is surely hidden in the whole tile.
-    #[inline]
-    pub fn hides_in_tile(&self, triangle: &Triangle, rect: PixelRect) -> bool {
-        let [x, y] = [rect.x0, rect.y0].map(|c| c as i32 * SUBPIXELS);
-        self.tile > 0.0 && bounds(triangle, x, y, TILE as i32 * SUBPIXELS)[1] < self.tile
-    }
-
-    /// Whether it is surely hidden in a block of the tile.
-    #[inline]
-    pub fn hides_in_block(&self, triangle: &Triangle, rect: PixelRect, block: usize) -> bool {
-        if self.blocks[block] <= 0.0 {
-            return false;
-        }
-        let [x, y] = block_corner(rect, block);
-        bounds(triangle, x, y, BLOCK as i32 * SUBPIXELS)[1] < self.blocks[block]
-    }
-
-    /// An opaque triangle covers all of a block.
-    fn cover(&mut self, triangle: &Triangle, rect: PixelRect, block: usize) {
-        let [x, y] = block_corner(rect, block);
-        let low = bounds(triangle, x, y, BLOCK as i32 * SUBPIXELS)[0];
-        if low > self.blocks[block] {
-            self.blocks[block] = low;
-            self.tile = self.blocks.iter().fold(f64::INFINITY, |least, q| if *q < least { *q } else { least });
-        }
-    }
-}
-
-/// Upper left of a block, sub.
-fn block_corner(rect: PixelRect, block: usize) -> [i32; 2] {
+/// Upper left of a block of a tile, sub.
+#[inline(always)]
+pub fn block_corner(rect: PixelRect, block: usize) -> [i32; 2] {
     let (bx, by) = (block as u32 % BLOCKS_PER_ROW, block as u32 / BLOCKS_PER_ROW);
     [rect.x0 + bx * BLOCK, rect.y0 + by * BLOCK].map(|c| c as i32 * SUBPIXELS)
 }
 
 /// Upper left of a tile's pixel, sub.
-#[inline]
+#[inline(always)]
 pub fn pixel_corner(rect: PixelRect, pixel: usize) -> [i32; 2] {
-    let (x, y) = (pixel as u32 % TILE, pixel as u32 / TILE);
-    [rect.x0 + x, rect.y0 + y].map(|c| c as i32 * SUBPIXELS)
+    let [x, y] = block_corner(rect, pixel / BLOCK_PIXELS);
+    let (column, row) = (pixel as u32 % BLOCK, pixel as u32 / BLOCK % BLOCK);
+    [x + column as i32 * SUBPIXELS, y + row as i32 * SUBPIXELS]
 }
 
-/// Puts the triangles `numbers` into an empty tile.
-pub fn draw_opaque(
-    shader: &Shader<'_>,
+/// Of each block the pixels that the view has: bit 8·row + column.
+#[inline(always)]
+pub fn pixels_of_view(rect: PixelRect) -> [u64; BLOCKS] {
+    if rect.width() == BLOCKS_PER_ROW * BLOCK && rect.height() == BLOCKS_PER_ROW * BLOCK {
+        return [u64::MAX; BLOCKS];
+    }
+    std::array::from_fn(|block| {
+        let (bx, by) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
+        let columns = rect.width().saturating_sub(bx).min(BLOCK);
+        let rows = rect.height().saturating_sub(by).min(BLOCK);
+        let row = 0xffu64 >> (BLOCK - columns);
+        (0..rows).fold(0, |mask, y| mask | row << (y * BLOCK))
+    })
+}
+
+/// Whether a triangle is surely hidden in the whole tile.
+#[inline(always)]
+pub fn hidden_in_tile<S: Simd>(simd: S, frame: &Frame<'_>, triangle: &Triangle, rect: PixelRect, visible: &mut Visible) -> bool {
+    let far = visible.tile_far(simd);
+    if far == f32::NEG_INFINITY {
+        return false;
+    }
+    // Its plane over the part of the tile that its extent reaches into.
+    let [[x0, x1], [y0, y1]] = triangle.pixels(frame.pattern.low, frame.pattern.high());
+    let (x0, x1) = (x0.max(rect.x0 as i32), x1.min(rect.x1 as i32 - 1));
+    let (y0, y1) = (y0.max(rect.y0 as i32), y1.min(rect.y1 as i32 - 1));
+    let side = (x1 - x0).max(y1 - y0) + 1;
+    bounds(&triangle.plane(), x0 * SUBPIXELS, y0 * SUBPIXELS, side * SUBPIXELS)[1] < f64::from(far)
+}
+
+/// The largest upper bound of a face in a block.
+#[inline(always)]
+pub fn nearest_in_block(depth: &BlockDepth, [_, high]: [f32; 2]) -> f32 {
+    high + depth.most_gained()
+}
+
+/// Puts the triangles of a tile's list that are not fragments into an empty tile.
+#[inline(always)]
+pub fn draw_opaque<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
     rect: PixelRect,
     numbers: &[u32],
     visible: &mut Visible,
-    far: &mut FarBounds,
+    tables: &mut SampleTables,
     faces: &mut FaceCache,
+    skips: Skips,
     counts: &mut RasterCounts,
 ) {
-    let mut touched = 0;
     counts.pairs += numbers.len() as u64;
-    for &number in numbers {
-        let triangle = &shader.triangles[number as usize];
-        if far.hides_in_tile(triangle, rect) {
+    let valid = pixels_of_view(rect);
+    let pattern = frame.pattern;
+    for (place, &number) in numbers.iter().enumerate() {
+        let triangle = frame.triangle(number);
+        if skips.occluded && hidden_in_tile(simd, frame, triangle, rect, visible) {
             counts.occluded += 1;
             continue;
         }
-        let cutoff = shader.items[triangle.item as usize].cutoff();
-        let beyond = triangle.flags.has(Flags::BEYOND);
-        let mut sink = OpaqueSink {
-            shader,
-            rect,
-            number,
-            triangle,
-            cutoff,
-            whole: cutoff.is_none() && !beyond,
-            beyond,
-            is_fresh: false,
-            touched: &mut touched,
-            visible,
-            far,
-            faces,
-            counts,
-        };
-        cover(shader.pattern, triangle, rect, &mut sink);
-    }
-}
-
-/// One triangle on its way into a tile.
-struct OpaqueSink<'a, 'b> {
-    shader: &'a Shader<'a>,
-    rect: PixelRect,
-    number: u32,
-    triangle: &'a Triangle,
-    cutoff: Option<f32>,
-    beyond: bool,
-    /// Whether what covers also hides: neither a cut-off nor the end of visibility makes holes.
-    whole: bool,
-    /// Whether the block that was asked for last was never touched by any triangle.
-    is_fresh: bool,
-    /// A bit per block: some triangle may have put something there.
-    touched: &'b mut u16,
-    visible: &'b mut Visible,
-    far: &'b mut FarBounds,
-    faces: &'b mut FaceCache,
-    counts: &'b mut RasterCounts,
-}
-
-impl CoverageSink for OpaqueSink<'_, '_> {
-    #[inline]
-    fn skips(&mut self, block: usize) -> bool {
-        if self.far.hides_in_block(self.triangle, self.rect, block) {
-            self.counts.occluded += 1;
-            return true;
-        }
-        self.is_fresh = *self.touched & 1 << block == 0;
-        *self.touched |= 1 << block;
-        false
-    }
-
-    fn block(&mut self, block: usize, pixel: usize, columns: usize, rows: usize) {
-        let fills = self.whole && self.is_fresh;
-        for row in 0..rows {
-            let first = pixel + row * TILE as usize;
-            for pixel in first..first + columns {
-                if fills {
-                    self.visible.put_single(pixel, self.number);
-                } else {
-                    self.pixel(pixel, self.shader.pattern.full);
+        let Some(cover) = TileCover::new(pattern, triangle, rect) else { continue };
+        tables.clear();
+        let depth = BlockDepth::new(pattern, triangle.plane());
+        let gains = depth.lattice(simd);
+        let is_whole = triangle.flags.0 & (Flags::BEYOND | Flags::CUT_OUT) == 0;
+        for block in cover.blocks() {
+            let [x, y] = block_corner(rect, block);
+            let base = depth.at(x, y);
+            if skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {
+                counts.occluded += 1;
+                continue;
+            }
+            let covered = cover.block(simd, block);
+            let touched = covered.touched & valid[block];
+            if touched == 0 {
+                continue;
+            }
+            let depths = visible.compare(simd, block, base, &gains);
+            let reached = touched & !depths.behind;
+            let filled = if is_whole && skips.single { reached & covered.full & depths.front } else { 0 };
+            if filled != 0 {
+                visible.fill(simd, block, filled, place as u32, base, &gains);
+                counts.covered_pixels += u64::from(filled.count_ones());
+            }
+            let mut rest = reached & !filled;
+            while rest != 0 {
+                let bit = rest.trailing_zeros();
+                rest &= rest - 1;
+                let is_full = covered.full >> bit & 1 != 0;
+                let mask = if is_full { pattern.full } else { cover.samples(simd, tables, block, bit) };
+                if mask == 0 {
+                    continue;
+                }
+                let [low, high] = depth.at_pixel(base, bit);
+                let face = Arriving { triangle: place as u32, low, high };
+                let pixel = block * BLOCK_PIXELS + bit as usize;
+                let [px, py] = pixel_corner(rect, pixel);
+                let is_front = depths.front >> bit & 1 != 0;
+                let front = |other: u32, both: u64| {
+                    if is_front {
+                        return both;
+                    }
+                    let other = numbers[other as usize];
+                    let wins_ties = || frame.order(number) > frame.order(other);
+                    in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties)
+                };
+                let mask = if is_whole { mask } else { remaining(frame, number, [px, py], pixel, mask, visible, faces, front) };
+                if mask != 0 {
+                    counts.covered_pixels += 1;
+                    visible.put(pixel, face, mask, front);
                 }
             }
         }
-        if fills {
-            self.counts.covered_pixels += (columns * rows) as u64;
-        }
-        if self.whole {
-            self.far.cover(self.triangle, self.rect, block);
-        }
     }
+}
 
-    #[inline]
-    fn pixel(&mut self, pixel: usize, mut mask: u64) {
-        let shader = self.shader;
-        let [x, y] = pixel_corner(self.rect, pixel);
-        let front = |other: u32, both: u64| {
-            in_front(shader.pattern, self.triangle, &shader.triangles[other as usize], x, y, both)
-        };
-        if !self.whole {
-            if self.beyond {
-                mask = shader.within_visibility(self.triangle, x, y, mask);
-            }
-            if let Some(cutoff) = self.cutoff {
-                // Only where it would be seen is alpha worth a look.
-                mask = self.visible.unhidden(pixel, mask, front);
-                mask = shader.reaches_cutoff(self.faces, self.number, cutoff, x, y, mask);
-            }
-            if mask == 0 {
-                return;
-            }
-        }
-        self.counts.covered_pixels += 1;
-        self.visible.put(pixel, self.number, mask, front);
+/// Of the covered samples those at which a face exists that visibility or its alpha makes holes in. Alpha is only looked at
+/// where the face would be seen.
+#[inline(never)]
+fn remaining(
+    frame: &Frame<'_>,
+    number: u32,
+    [x, y]: [i32; 2],
+    pixel: usize,
+    mut mask: u64,
+    visible: &Visible,
+    faces: &mut FaceCache,
+    front: impl FnMut(u32, u64) -> u64,
+) -> u64 {
+    let triangle = frame.triangle(number);
+    if triangle.flags.has(Flags::BEYOND) {
+        mask = frame.within_visibility(triangle, x, y, mask);
     }
+    if let Some(cutoff) = frame.items[triangle.item as usize].cutoff() {
+        mask = visible.unhidden(pixel, mask, front);
+        mask = frame.reaches_cutoff(faces, number, cutoff, x, y, mask);
+    }
+    mask
 }

@@ -1,7 +1,7 @@
-//! The background: one colour, or the sky of picture.md by the elevation of the ray through a pixel's centre.
+//! The background: one colour, or the sky of picture.md by the elevation of the rays through a pixel's samples.
 
 use crate::geometry::camera::Camera;
-use crate::samples::SUBPIXELS;
+use crate::samples::{Pattern, SUBPIXELS};
 use proto::frame::{Background, Environment};
 
 /// The sky's colour at the horizon and below, linear.
@@ -13,16 +13,91 @@ const SIN_ZENITH: f64 = 0.5;
 /// That elevation, rad.
 const ZENITH_RAD: f64 = std::f64::consts::PI / 6.0;
 
-/// The colour behind the pixel whose upper left is (x, y) sub.
-pub fn background(camera: &Camera, environment: &Environment, x: i32, y: i32) -> [f32; 3] {
-    match environment.background {
-        Background::Constant(colour) => colour,
-        Background::Sky => {
-            let ray = camera.ray_world(camera.ray(x + SUBPIXELS / 2, y + SUBPIXELS / 2));
-            sky(ray.y)
+/// What is behind the samples of one pixel.
+#[derive(Clone, Copy, Debug)]
+pub enum Behind {
+    /// One colour.
+    Constant([f32; 3]),
+    /// The sky, straight: its colour at the pixel's upper left and what it gains per sub-pixel to the right and downwards.
+    Straight([[f64; 3]; 3]),
+    /// The sky near a kink, or in a pixel that is wide: each sample's own, for the pixel whose upper left is there, sub.
+    Bent([i32; 2]),
+}
+
+impl Behind {
+    /// Of the pixel whose upper left is (x, y) sub.
+    ///
+    /// Along the elevation the sky has two kinks and is nearly straight elsewhere: where a pixel doesn't come near a kink, and is
+    /// small, it is taken as affine, which differs by less than the square of the pixel's angle.
+    pub fn of(camera: &Camera, environment: &Environment, [x, y]: [i32; 2]) -> Self {
+        if let Background::Constant(colour) = environment.background {
+            return Self::Constant(colour);
+        }
+        let side = SUBPIXELS;
+        let sine = |dx: i32, dy: i32| elevation(camera, [x + dx, y + dy]);
+        let corners = [sine(0, 0), sine(side, 0), sine(0, side), sine(side, side)];
+        let low = corners.into_iter().fold(f64::INFINITY, |m, s| if s < m { s } else { m });
+        let high = corners.into_iter().fold(f64::NEG_INFINITY, |m, s| if s > m { s } else { m });
+        // The sky may sag between corners: by the second order as well.
+        let slack = (high - low) * (high - low) + 1e-9;
+        let near = |kink: f64| low - slack < kink && high + slack > kink;
+        if near(0.0) || near(SIN_ZENITH) || high - low > WIDE {
+            return Self::Bent([x, y]);
+        }
+        if low >= SIN_ZENITH || high <= 0.0 {
+            return Self::Constant(sky(low));
+        }
+        let half = side / 2;
+        let [centre, left, right, up, down] =
+            [sine(half, half), sine(0, half), sine(side, half), sine(half, 0), sine(half, side)]
+                .map(|s| sky(s).map(f64::from));
+        let per_sub = 1.0 / f64::from(side);
+        let gain = |from: [f64; 3], to: [f64; 3]| std::array::from_fn(|c| (to[c] - from[c]) * per_sub);
+        let (along, across): ([f64; 3], [f64; 3]) = (gain(left, right), gain(up, down));
+        let corner = std::array::from_fn(|c| centre[c] - (along[c] + across[c]) * f64::from(half));
+        Self::Straight([corner, along, across])
+    }
+
+    /// At a sample, sub from the pixel's upper left.
+    #[inline]
+    pub fn at(&self, camera: &Camera, [dx, dy]: [i32; 2]) -> [f32; 3] {
+        match self {
+            Self::Constant(colour) => *colour,
+            Self::Straight([corner, along, across]) => {
+                std::array::from_fn(|c| (corner[c] + (along[c] * f64::from(dx) + across[c] * f64::from(dy))) as f32)
+            }
+            Self::Bent([x, y]) => sky(elevation(camera, [x + dx, y + dy])),
+        }
+    }
+
+    /// The mean over samples; there is at least one.
+    pub fn mean(&self, camera: &Camera, pattern: &Pattern, mask: u64) -> [f32; 3] {
+        match self {
+            Self::Constant(colour) => *colour,
+            // The mean of all points is the centre.
+            Self::Straight(_) if mask == pattern.full => self.at(camera, [SUBPIXELS / 2; 2]),
+            Self::Straight(_) | Self::Bent(_) => {
+                let mut sum = [0.0f64; 3];
+                let mut rest = mask;
+                while rest != 0 {
+                    let colour = self.at(camera, pattern.points[rest.trailing_zeros() as usize]);
+                    rest &= rest - 1;
+                    sum = std::array::from_fn(|c| sum[c] + f64::from(colour[c]));
+                }
+                let share = 1.0 / f64::from(mask.count_ones());
+                sum.map(|c| (c * share) as f32)
+            }
         }
     }
 }
+
+/// Sine of the elevation of the ray through a sub-pixel position.
+fn elevation(camera: &Camera, [x, y]: [i32; 2]) -> f64 {
+    camera.ray_world(camera.ray(x, y)).y
+}
+
+/// Pixels in which the sine of the elevation changes by more than this, as in views of nearly 180°, are looked at sample by sample.
+const WIDE: f64 = 1.0 / 512.0;
 
 /// The sky in a direction whose unit vector has that component along the local vertical.
 fn sky(sine: f64) -> [f32; 3] {

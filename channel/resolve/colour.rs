@@ -10,20 +10,32 @@ use std::sync::LazyLock;
 /// Steps of the first guess; the exact thresholds correct it.
 const GUESS_STEPS: usize = 16_384;
 
-struct Tables {
+/// From linear light to bytes, and back.
+pub struct Encoder {
     /// `thresholds[k]`: the smallest linear value with code k + 1; the last is out of reach and ends the search.
     thresholds: [f64; 256],
+    /// The same for values that are f32.
+    thresholds_f32: [f32; 256],
     /// The code at the lower end of each step; one more for the value 1.
     guess: [u8; GUESS_STEPS + 1],
     /// Linear value of each code.
     decoded: [f32; 256],
 }
 
-static TABLES: LazyLock<Box<Tables>> = LazyLock::new(|| {
-    let mut tables =
-        Box::new(Tables { thresholds: [f64::INFINITY; 256], guess: [0; GUESS_STEPS + 1], decoded: [0.0; 256] });
+static ENCODER: LazyLock<Box<Encoder>> = LazyLock::new(|| {
+    let mut tables = Box::new(Encoder {
+        thresholds: [f64::INFINITY; 256],
+        thresholds_f32: [f32::INFINITY; 256],
+        guess: [0; GUESS_STEPS + 1],
+        decoded: [0.0; 256],
+    });
     for code in 0..255u8 {
-        tables.thresholds[usize::from(code)] = linear_of((f64::from(code) + 0.5) / 255.0);
+        let threshold = linear_of((f64::from(code) + 0.5) / 255.0);
+        tables.thresholds[usize::from(code)] = threshold;
+        // The least f32 that isn't below it.
+        let nearest = threshold as f32;
+        tables.thresholds_f32[usize::from(code)] =
+            if f64::from(nearest) < threshold { nearest.next_up() } else { nearest };
     }
     let mut code = 0;
     for step in 0..=GUESS_STEPS {
@@ -43,10 +55,43 @@ fn linear_of(encoded: f64) -> f64 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { libm::pow((encoded + 0.055) / 1.055, 2.4) }
 }
 
+impl std::fmt::Debug for Encoder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Encoder").finish_non_exhaustive()
+    }
+}
+
+impl Encoder {
+    /// The one that there is.
+    pub fn shared() -> &'static Self {
+        &ENCODER
+    }
+
+    /// What [`encode_srgb`] says of a value that is an f32.
+    #[inline(always)]
+    pub fn code(&self, linear: f32) -> u8 {
+        // NaN fails both comparisons.
+        let value = if linear > 0.0 { linear } else { 0.0 };
+        let value = if value < 1.0 { value } else { 1.0 };
+        let mut code = self.guess[(value * GUESS_STEPS as f32) as usize];
+        while value >= self.thresholds_f32[usize::from(code)] {
+            code += 1;
+        }
+        code
+    }
+
+    /// The codes of red, green and blue as `0x00BBGGRR`.
+    #[inline(always)]
+    pub fn rgb(&self, linear: [f32; 3]) -> u32 {
+        let [r, g, b] = linear.map(|c| u32::from(self.code(c)));
+        r | g << 8 | b << 16
+    }
+}
+
 /// The code of a linear value: clamped, encoded, rounded to nearest. NaN counts as 0.
 #[inline]
 pub fn encode_srgb(linear: f64) -> u8 {
-    let tables = &**TABLES;
+    let tables = Encoder::shared();
     if linear >= 1.0 {
         return 255;
     }
@@ -64,7 +109,7 @@ pub fn encode_srgb(linear: f64) -> u8 {
 /// The linear values of three codes.
 #[inline]
 pub fn decode_srgb([r, g, b]: [u8; 3]) -> [f32; 3] {
-    let decoded = &TABLES.decoded;
+    let decoded = &Encoder::shared().decoded;
     [decoded[usize::from(r)], decoded[usize::from(g)], decoded[usize::from(b)]]
 }
 
@@ -91,6 +136,18 @@ mod tests {
         for step in 0..=1_000_000 {
             let linear = f64::from(step) / 1e6;
             assert_eq!(encode_srgb(linear), encoded_directly(linear), "{linear}");
+        }
+    }
+
+    #[test]
+    fn values_of_f32_have_the_codes_of_f64() {
+        let encoder = Encoder::shared();
+        let near = |value: f32| [value.next_down(), value, value.next_up()];
+        let thresholds = encoder.thresholds_f32[..255].iter().flat_map(|t| near(*t));
+        let steps = (0..=GUESS_STEPS).flat_map(|k| near(k as f32 / GUESS_STEPS as f32));
+        let outside = [-1.0, -0.0, 2.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-40];
+        for value in thresholds.chain(steps).chain(outside) {
+            assert_eq!(encoder.code(value), encode_srgb(f64::from(value)), "{value}");
         }
     }
 

@@ -1,16 +1,19 @@
 //! The resolve stage of a tile: shade each face that a pixel sees once, average, encode.
+//!
+//! It goes block by block. A block that one face of one colour fills is written as such; pixels that one face fills take its
+//! colour, those shaded by their normals 16 at a time; only pixels with several faces or with fragments average over samples.
 
-use super::background::background;
-use super::colour::encode_srgb;
-use crate::raster::opaque::pixel_corner;
-use crate::raster::visible::{Seen, Visible};
-use crate::shade::{FaceCache, Shader};
+use super::background::Behind;
+use crate::frame::Frame;
+use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
+use crate::raster::opaque::{block_corner, pixel_corner};
+use crate::raster::visible::{NOTHING, Seen, Visible};
+use crate::samples::SUBPIXELS;
+use crate::shade::tile::{Batch, Look, TileFaces};
 use crate::translucency::compose::{Composed, Layers, Through};
 use crate::translucency::gather::Fragments;
-use proto::frame::{PixelRect, TILE};
-
-/// Stands for the background among the faces of a pixel.
-const BACKGROUND: u32 = u32::MAX;
+use fearless_simd::{Simd, prelude::*, u32x16};
+use proto::frame::{Background, PixelRect};
 
 /// Where a tile's pixels go: tightly packed rows of the tile's rectangle, three channels each.
 #[derive(Debug)]
@@ -36,114 +39,276 @@ pub struct ResolveScratch {
     seen: Vec<Seen>,
     layers: Layers,
     samples: Box<[Through; 64]>,
+    batch: Batch,
+    /// Which pixels of the block the batch is for.
+    batched: [u8; 16],
+    block: BlockColours,
+}
+
+/// A block's finished pixels.
+#[derive(Debug)]
+struct BlockColours {
+    /// `0x00BBGGRR`.
+    codes: [u32; BLOCK_PIXELS],
+    /// Linear RGB; only kept up where it is asked for.
+    linear: [[f32; 3]; BLOCK_PIXELS],
 }
 
 impl Default for ResolveScratch {
     fn default() -> Self {
         let samples = Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]);
-        Self { seen: Vec::new(), layers: Layers::default(), samples }
+        let block = BlockColours { codes: [0; BLOCK_PIXELS], linear: [[0.0; 3]; BLOCK_PIXELS] };
+        Self { seen: Vec::new(), layers: Layers::default(), samples, batch: Batch::default(), batched: [0; 16], block }
     }
 }
 
+/// What the stage reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Resolved<'a> {
+    /// The frame's numbers.
+    pub frame: &'a Frame<'a>,
+    /// The tile's pixels in the view.
+    pub rect: PixelRect,
+    /// The tile's triangles.
+    pub numbers: &'a [u32],
+    /// What is seen of the opaque ones.
+    pub visible: &'a Visible,
+    /// What lies in front of that.
+    pub fragments: &'a Fragments,
+}
+
 /// Computes and writes the pixels of a tile.
-pub fn resolve(
-    shader: &Shader<'_>,
-    rect: PixelRect,
-    visible: &Visible,
-    fragments: &Fragments,
-    faces: &mut FaceCache,
+#[inline(always)]
+pub fn resolve<S: Simd>(
+    simd: S,
+    tile: Resolved<'_>,
+    faces: &mut TileFaces,
     scratch: &mut ResolveScratch,
     mut out: TileOutput<'_>,
     counts: &mut ResolveCounts,
 ) {
-    let (width, height) = (rect.width() as usize, rect.height() as usize);
-    for row in 0..height {
-        for column in 0..width {
-            let pixel = row * TILE as usize + column;
-            let colour = pixel_colour(shader, rect, pixel, visible, fragments, faces, scratch, counts);
-            let at = (row * width + column) * 3;
-            for (byte, c) in out.rgb[at..at + 3].iter_mut().zip(colour) {
-                *byte = encode_srgb(c);
-            }
-            if let Some(linear) = &mut out.linear {
-                for (float, c) in linear[at..at + 3].iter_mut().zip(colour) {
-                    *float = c as f32;
+    let constant_background = match tile.frame.environment.background {
+        Background::Constant(colour) => Some((colour, tile.frame.encoder.rgb(colour))),
+        Background::Sky => None,
+    };
+    let (width, height) = (tile.rect.width(), tile.rect.height());
+    for block in 0..BLOCKS {
+        let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
+        if left >= width || top >= height {
+            continue;
+        }
+        let cells = tile.visible.block(block);
+        let is_clear = tile.fragments.is_block_empty(block);
+        let first = u32x16::splat(simd, cells[0]);
+        let is_uniform =
+            [0, 16, 32, 48].into_iter().all(|at| u32x16::from_slice(simd, &cells[at..at + 16]).simd_eq(first).all_true());
+        if is_clear && is_uniform {
+            let constant = if cells[0] == NOTHING {
+                constant_background
+            } else if let Some(place) = Visible::single(cells[0]) {
+                match faces.look(tile.frame, tile.rect, place, tile.numbers[place as usize]) {
+                    Look::Constant([r, g, b, _], code) => Some(([r, g, b], code)),
+                    Look::ByNormal(index) => {
+                        by_normal(simd, tile.frame, faces, index, block, out.linear.is_some(), &mut scratch.block);
+                        counts.pixels_single += BLOCK_PIXELS as u64;
+                        scratch.block.write(tile.rect, [left, top], &mut out);
+                        continue;
+                    }
+                    Look::General => None,
                 }
+            } else {
+                None
+            };
+            if let Some((colour, code)) = constant {
+                counts.pixels_single += BLOCK_PIXELS as u64;
+                write_constant(colour, code, tile.rect, [left, top], &mut out);
+                continue;
+            }
+        }
+        resolve_block(simd, tile, block, constant_background, faces, scratch, out.linear.is_some(), counts);
+        scratch.block.write(tile.rect, [left, top], &mut out);
+    }
+}
+
+/// A block that one face fills which is shaded by its normals.
+#[inline(always)]
+fn by_normal<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    faces: &TileFaces,
+    index: u32,
+    block: usize,
+    with_linear: bool,
+    out: &mut BlockColours,
+) {
+    let colours = faces.by_normal(index).block(simd, frame, block);
+    for group in 0..4 {
+        let [r, g, b]: [[f32; 16]; 3] = [0, 1, 2].map(|c| colours[c][group].into());
+        for i in 0..16 {
+            out.codes[group * 16 + i] = frame.encoder.rgb([r[i], g[i], b[i]]);
+            if with_linear {
+                out.linear[group * 16 + i] = [r[i], g[i], b[i]];
             }
         }
     }
 }
 
-/// The mean of one pixel's samples, linear.
-#[inline]
-fn pixel_colour(
-    shader: &Shader<'_>,
-    rect: PixelRect,
-    pixel: usize,
-    visible: &Visible,
-    fragments: &Fragments,
-    faces: &mut FaceCache,
+/// A block pixel by pixel.
+#[inline(always)]
+fn resolve_block<S: Simd>(
+    simd: S,
+    tile: Resolved<'_>,
+    block: usize,
+    constant_background: Option<([f32; 3], u32)>,
+    faces: &mut TileFaces,
     scratch: &mut ResolveScratch,
+    with_linear: bool,
     counts: &mut ResolveCounts,
-) -> [f64; 3] {
-    let [x, y] = pixel_corner(rect, pixel);
-    let is_clear = fragments.is_empty(pixel);
-    let mut shade = |triangle: u32| -> [f32; 3] {
-        if triangle == BACKGROUND {
-            background(shader.camera, shader.environment, x, y)
+) {
+    let Resolved { frame, rect, numbers, visible, fragments } = tile;
+    let cells = visible.block(block);
+    let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
+    let (columns, rows) = (rect.width() - left, rect.height() - top);
+    let [x0, y0] = block_corner(rect, block);
+    scratch.batch.count = 0;
+    let mut single = 0;
+    let mut multi = 0;
+    for bit in 0..BLOCK_PIXELS {
+        let (column, row) = (bit as u32 % BLOCK, bit as u32 / BLOCK);
+        if column >= columns || row >= rows {
+            continue;
+        }
+        let cell = cells[bit];
+        let pixel = block * BLOCK_PIXELS + bit;
+        let corner = [x0 + column as i32 * SUBPIXELS, y0 + row as i32 * SUBPIXELS];
+        let is_clear = fragments.is_empty(pixel);
+        let colour = if is_clear && cell == NOTHING {
+            single += 1;
+            if let Some((colour, code)) = constant_background {
+                scratch.block.codes[bit] = code;
+                scratch.block.linear[bit] = colour;
+                continue;
+            }
+            Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, frame.pattern, frame.pattern.full)
+        } else if let Some(place) = Visible::single(cell).filter(|_| is_clear) {
+            single += 1;
+            match faces.look(frame, rect, place, numbers[place as usize]) {
+                Look::Constant([r, g, b, _], code) => {
+                    scratch.block.codes[bit] = code;
+                    scratch.block.linear[bit] = [r, g, b];
+                    continue;
+                }
+                Look::ByNormal(index) => {
+                    // A face that all samples see covers the centre.
+                    let batch = &mut scratch.batch;
+                    let at = batch.count;
+                    batch.faces[at] = index;
+                    batch.x[at] = (left + column) as f32 + 0.5;
+                    batch.y[at] = (top + row) as f32 + 0.5;
+                    scratch.batched[at] = bit as u8;
+                    batch.count += 1;
+                    if batch.count == 16 {
+                        flush(simd, frame, faces, scratch, with_linear);
+                    }
+                    continue;
+                }
+                Look::General => {
+                    let [r, g, b, _] = frame.pixel_colour(faces.general(), numbers[place as usize], corner[0], corner[1]);
+                    [r, g, b]
+                }
+            }
         } else {
-            let [r, g, b, _] = shader.pixel_colour(faces, triangle, x, y);
-            [r, g, b]
-        }
-    };
-    let single = if visible.is_empty(pixel) { Some(BACKGROUND) } else { visible.single(pixel) };
-    if let Some(triangle) = single.filter(|_| is_clear) {
-        counts.pixels_single += 1;
-        return shade(triangle).map(f64::from);
+            let (colour, is_single) = several(tile, pixel, faces, scratch);
+            if is_single {
+                single += 1;
+            } else {
+                multi += 1;
+            }
+            colour
+        };
+        scratch.block.codes[bit] = frame.encoder.rgb(colour);
+        scratch.block.linear[bit] = colour;
     }
+    flush(simd, frame, faces, scratch, with_linear);
+    counts.pixels_single += single;
+    counts.pixels_multi += multi;
+}
 
-    // What is behind, by samples; its parts in the order of their first samples.
-    let pattern = shader.pattern;
-    scratch.seen.clear();
-    if let Some(triangle) = single {
-        scratch.seen.push(Seen { triangle, mask: pattern.full });
-    } else {
-        scratch.seen.extend(visible.seen(pixel));
-        let covered = scratch.seen.iter().fold(0, |mask, seen| mask | seen.mask);
-        if covered != pattern.full {
-            scratch.seen.push(Seen { triangle: BACKGROUND, mask: pattern.full & !covered });
-        }
-        scratch.seen.sort_unstable_by_key(|seen| seen.mask.trailing_zeros());
+/// Finishes the pixels of the batch.
+#[inline(always)]
+fn flush<S: Simd>(simd: S, frame: &Frame<'_>, faces: &TileFaces, scratch: &mut ResolveScratch, with_linear: bool) {
+    let count = scratch.batch.count;
+    if count == 0 {
+        return;
     }
+    let colours = scratch.batch.colours(simd, frame, faces);
+    for (bit, [r, g, b, _]) in scratch.batched[..count].iter().zip(colours) {
+        scratch.block.codes[usize::from(*bit)] = frame.encoder.rgb([r, g, b]);
+        if with_linear {
+            scratch.block.linear[usize::from(*bit)] = [r, g, b];
+        }
+    }
+    scratch.batch.count = 0;
+}
+
+/// The mean of the samples of a pixel that sees several faces or has fragments, linear, and whether its samples all see the
+/// same.
+fn several(tile: Resolved<'_>, pixel: usize, faces: &mut TileFaces, scratch: &mut ResolveScratch) -> ([f32; 3], bool) {
+    let Resolved { frame, rect, numbers, visible, fragments } = tile;
+    let [x, y] = pixel_corner(rect, pixel);
+    let pattern = frame.pattern;
+    let mut shade = |seen: &Seen| -> [f32; 3] {
+        let [r, g, b, _] = faces.colour(frame, rect, seen.triangle, numbers[seen.triangle as usize], [x, y]);
+        [r, g, b]
+    };
+    // What is behind, by samples; its parts in the order of their first samples.
+    scratch.seen.clear();
+    scratch.seen.extend(visible.seen(pixel));
+    let open = pattern.full & !scratch.seen.iter().fold(0, |mask, seen| mask | seen.mask);
+    scratch.seen.sort_unstable_by_key(|seen| seen.mask.trailing_zeros());
+    let sky = (open != 0).then(|| Behind::of(frame.camera, frame.environment, [x, y]));
     let share = 1.0 / pattern.count as f64;
     let mut sum = [0.0f64; 3];
-    if is_clear {
-        counts.pixels_multi += 1;
+    if fragments.is_empty(pixel) {
         for seen in &scratch.seen {
-            let colour = shade(seen.triangle);
+            let colour = shade(seen);
             let samples = f64::from(seen.mask.count_ones());
             for c in 0..3 {
                 sum[c] += f64::from(colour[c]) * samples;
             }
         }
-        return sum.map(|c| c * share);
+        if let Some(sky) = sky {
+            let (colour, samples) = (sky.mean(frame.camera, pattern, open), f64::from(open.count_ones()));
+            sum = std::array::from_fn(|c| sum[c] + f64::from(colour[c]) * samples);
+        }
+        return (sum.map(|c| (c * share) as f32), false);
     }
 
     let mut behind = [[0.0f32; 3]; 64];
     for seen in &scratch.seen {
-        let colour = shade(seen.triangle);
+        let colour = shade(seen);
         let mut rest = seen.mask;
         while rest != 0 {
             behind[rest.trailing_zeros() as usize] = colour;
             rest &= rest - 1;
         }
     }
-    let composed = scratch.layers.compose(shader, faces, [x, y], fragments.of_pixel(pixel), &mut scratch.samples);
-    if let (Composed::Uniform(through), Some(_)) = (composed, single) {
-        counts.pixels_single += 1;
-        return through.over(behind[0]);
+    let mut is_one = scratch.seen.len() == 1 && open == 0;
+    if let Some(sky) = sky {
+        let mut rest = open;
+        while rest != 0 {
+            let i = rest.trailing_zeros() as usize;
+            behind[i] = sky.at(frame.camera, pattern.points[i]);
+            rest &= rest - 1;
+        }
+        if let (Behind::Constant(_), true) = (sky, open == pattern.full) {
+            is_one = true;
+        }
     }
-    counts.pixels_multi += 1;
+    let composed = scratch.layers.compose(tile, faces, [x, y], fragments.of_pixel(pixel), &mut scratch.samples);
+    if let (Composed::Uniform(through), true) = (composed, is_one) {
+        return (through.over(behind[0]).map(|c| c as f32), true);
+    }
     for (behind, sample) in behind[..pattern.count].iter().zip(scratch.samples.iter()) {
         let through = match &composed {
             Composed::Uniform(through) => through,
@@ -154,5 +319,55 @@ fn pixel_colour(
             sum[c] += colour[c];
         }
     }
-    sum.map(|c| c * share)
+    (sum.map(|c| (c * share) as f32), false)
+}
+
+/// A row of eight pixels as bytes.
+#[inline(always)]
+fn row_bytes(codes: &[u32; 8]) -> [u8; 24] {
+    let c = codes.map(u64::from);
+    let words = [
+        c[0] | c[1] << 24 | c[2] << 48,
+        c[2] >> 16 | c[3] << 8 | c[4] << 32 | c[5] << 56,
+        c[5] >> 8 | c[6] << 16 | c[7] << 40,
+    ];
+    let mut bytes = [0; 24];
+    for (to, word) in bytes.chunks_exact_mut(8).zip(words) {
+        to.copy_from_slice(&word.to_le_bytes());
+    }
+    bytes
+}
+
+impl BlockColours {
+    /// Writes the block whose upper left is (left, top) of the tile.
+    #[inline(always)]
+    fn write(&self, rect: PixelRect, [left, top]: [u32; 2], out: &mut TileOutput<'_>) {
+        let (columns, rows) = ((rect.width() - left).min(BLOCK) as usize, (rect.height() - top).min(BLOCK) as usize);
+        for row in 0..rows {
+            let codes: &[u32; 8] = self.codes[row * 8..][..8].try_into().expect("eight pixels");
+            let at = (((top as usize + row) * rect.width() as usize) + left as usize) * 3;
+            out.rgb[at..at + columns * 3].copy_from_slice(&row_bytes(codes)[..columns * 3]);
+            if let Some(linear) = &mut out.linear {
+                linear[at..at + columns * 3].copy_from_slice(self.linear[row * 8..][..columns].as_flattened());
+            }
+        }
+    }
+}
+
+/// Writes a block of one colour.
+#[inline(always)]
+fn write_constant(colour: [f32; 3], code: u32, rect: PixelRect, [left, top]: [u32; 2], out: &mut TileOutput<'_>) {
+    let (columns, rows) = ((rect.width() - left).min(BLOCK) as usize, (rect.height() - top).min(BLOCK) as usize);
+    let bytes = row_bytes(&[code; 8]);
+    for row in 0..rows {
+        let at = (((top as usize + row) * rect.width() as usize) + left as usize) * 3;
+        if columns == 8 {
+            out.rgb[at..at + 24].copy_from_slice(&bytes);
+        } else {
+            out.rgb[at..at + columns * 3].copy_from_slice(&bytes[..columns * 3]);
+        }
+        if let Some(linear) = &mut out.linear {
+            linear[at..at + columns * 3].copy_from_slice([colour; 8][..columns].as_flattened());
+        }
+    }
 }

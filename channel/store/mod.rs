@@ -27,15 +27,58 @@ use std::collections::BTreeMap;
 /// Texture coordinate sets a mesh may have.
 pub const TEXCOORD_SETS_MAX: usize = 2;
 
+/// Arrays of a stored mesh are padded to a multiple of this, for kernels that work on so many elements at once.
+const PADDING: usize = 16;
+
 /// A mesh whose indices, lengths and numbers have been checked.
 #[derive(Debug)]
 pub struct StoredMesh {
     /// The mesh as it came.
     pub mesh: Mesh,
+    /// The mesh's positions by coordinate, padded with zeros.
+    positions: [Vec<f32>; 3],
+    /// The mesh's normals, made unit vectors, by coordinate; empty if it has none. A vertex without one has zeros.
+    normals: [Vec<f32>; 3],
     /// Slot of the base colour texture.
     pub base_texture: Option<usize>,
     /// Slot of the emissive texture.
     pub emissive_texture: Option<usize>,
+}
+
+impl StoredMesh {
+    fn new(mesh: Mesh, base_texture: Option<usize>, emissive_texture: Option<usize>) -> Self {
+        let unit = |n: &[f32; 3]| glam::DVec3::from(n.map(f64::from)).normalize_or_zero().as_vec3().to_array();
+        let positions = by_coordinate(mesh.positions.iter().copied());
+        let normals = by_coordinate(mesh.normals.iter().map(unit));
+        Self { mesh, positions, normals, base_texture, emissive_texture }
+    }
+
+    /// Positions by coordinate, padded to a multiple of [`PADDING`].
+    pub fn positions(&self) -> [&[f32]; 3] {
+        self.positions.each_ref().map(Vec::as_slice)
+    }
+
+    /// Normals likewise; empty if the mesh has none.
+    pub fn normals(&self) -> [&[f32]; 3] {
+        self.normals.each_ref().map(Vec::as_slice)
+    }
+
+    /// Whether any vertex has a normal.
+    pub fn has_normals(&self) -> bool {
+        !self.mesh.normals.is_empty()
+    }
+}
+
+/// Vectors as three arrays, padded.
+fn by_coordinate(vectors: impl ExactSizeIterator<Item = [f32; 3]>) -> [Vec<f32>; 3] {
+    let padded = vectors.len().next_multiple_of(PADDING);
+    let mut out = [(); 3].map(|()| vec![0.0; padded]);
+    for (i, vector) in vectors.enumerate() {
+        for (out, c) in out.iter_mut().zip(vector) {
+            out[i] = c;
+        }
+    }
+    out
 }
 
 /// A row of the subobject table with its mesh looked up.
@@ -120,7 +163,7 @@ impl SceneStore {
         let base_texture = self.texture_slot(material.base_texture);
         let emissive_texture = self.texture_slot(material.emissive_texture);
         let slot = slot(&mut self.mesh_slots, &mut self.mesh_names, &mut self.meshes, id);
-        self.meshes[slot].get_or_insert(StoredMesh { mesh, base_texture, emissive_texture });
+        self.meshes[slot].get_or_insert_with(|| StoredMesh::new(mesh, base_texture, emissive_texture));
         Ok(())
     }
 

@@ -7,9 +7,11 @@
 
 use super::gather::Fragment;
 use super::models::Mix;
+use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Triangle};
 use crate::raster::depth::in_front;
-use crate::shade::{FaceCache, Shader};
+use crate::resolve::tile::Resolved;
+use crate::shade::tile::TileFaces;
 
 /// Up to this many fragments are compared pair by pair when comparing neighbours wasn't enough. A guess: the pairs then
 /// cost about as much as sorting each sample.
@@ -18,7 +20,9 @@ const PAIRWISE_MAX: usize = 16;
 /// A fragment with what sorting and mixing need.
 #[derive(Clone, Copy, Debug)]
 struct Layer {
-    triangle: u32,
+    /// The triangle's place in the tile's list, and its number.
+    place: u32,
+    number: u32,
     mask: u64,
     q_centre: f64,
     order: u64,
@@ -77,26 +81,29 @@ impl Layers {
     /// Mixes the fragments of the pixel whose upper left is (x, y) sub; `samples` is filled if the answer says so.
     pub fn compose(
         &mut self,
-        shader: &Shader<'_>,
-        faces: &mut FaceCache,
+        tile: Resolved<'_>,
+        faces: &mut TileFaces,
         [x, y]: [i32; 2],
         fragments: impl Iterator<Item = Fragment>,
         samples: &mut [Through; 64],
     ) -> Composed {
-        let pattern = shader.pattern;
-        let triangle = |number: u32| -> &Triangle { &shader.triangles[number as usize] };
+        let Resolved { frame, rect, numbers, .. } = tile;
+        let pattern = frame.pattern;
+        let triangle = |number: u32| -> &Triangle { frame.triangle(number) };
         let mut flags = 0;
         self.layers.clear();
         self.layers.extend(fragments.map(|f| {
-            let t = triangle(f.triangle);
+            let number = numbers[f.triangle as usize];
+            let t = triangle(number);
             flags |= t.flags.0;
-            let q_centre = t.plane.at(x + 128, y + 128);
-            Layer { triangle: f.triangle, mask: f.mask, q_centre, order: t.order, shaded: None }
+            let q_centre = t.plane().at(x + 128, y + 128);
+            Layer { place: f.triangle, number, mask: f.mask, q_centre, order: frame.order(number), shaded: None }
         }));
         // Nearest first; equally near: the larger order first. The order of the list has no say.
         self.layers.sort_unstable_by(|a, b| b.q_centre.total_cmp(&a.q_centre).then(b.order.cmp(&a.order)));
         let is_front = |a: &Layer, b: &Layer, mask: u64| {
-            mask == 0 || in_front(pattern, triangle(a.triangle), triangle(b.triangle), x, y, mask) == mask
+            mask == 0
+                || in_front(pattern, triangle(a.number), triangle(b.number), x, y, mask, || a.order > b.order) == mask
         };
         let one_order = self.layers.windows(2).all(|pair| is_front(&pair[0], &pair[1], pattern.full))
             || (self.layers.len() <= PAIRWISE_MAX
@@ -104,11 +111,11 @@ impl Layers {
                     self.layers[..k].iter().all(|a| is_front(a, &self.layers[k], a.mask & self.layers[k].mask))
                 }));
         if Flags(flags).has(Flags::PART) {
-            return self.compose_models(shader, faces, [x, y], one_order, samples);
+            return self.compose_models(tile, faces, [x, y], one_order, samples);
         }
         let mut shade = |layer: &mut Layer| {
             *layer.shaded.get_or_insert_with(|| {
-                let [r, g, b, alpha] = shader.pixel_colour(faces, layer.triangle, x, y);
+                let [r, g, b, alpha] = faces.colour(frame, rect, layer.place, layer.number, [x, y]);
                 [r, g, b, alpha.clamp(0.0, 1.0)].map(f64::from)
             })
         };
@@ -140,7 +147,7 @@ impl Layers {
             }
         } else {
             for (i, sample) in samples[..pattern.count].iter_mut().enumerate() {
-                sort_sample(&mut self.of_sample, &self.layers, shader, [x, y], i);
+                sort_sample(&mut self.of_sample, &self.layers, frame, [x, y], i);
                 for (_, _, k) in &self.of_sample {
                     sample.add(shade(&mut self.layers[*k]));
                     if sample.transmitted == 0.0 {
@@ -156,22 +163,23 @@ impl Layers {
     /// samples if there is `one_order`.
     fn compose_models(
         &mut self,
-        shader: &Shader<'_>,
-        faces: &mut FaceCache,
+        tile: Resolved<'_>,
+        faces: &mut TileFaces,
         [x, y]: [i32; 2],
         one_order: bool,
         samples: &mut [Through; 64],
     ) -> Composed {
-        let pattern = shader.pattern;
+        let Resolved { frame, rect, .. } = tile;
+        let pattern = frame.pattern;
         let mut step = |mix: &mut Mix, layer: &mut Layer| {
-            let item = &shader.items[shader.triangles[layer.triangle as usize].item as usize];
+            let item = &frame.items[frame.triangle(layer.number).item as usize];
             let part = item.part.as_ref();
             let is_translucent = item.is_translucent();
             if part.is_some_and(|part| mix.is_lost(part, is_translucent)) {
                 return;
             }
             let colour = *layer.shaded.get_or_insert_with(|| {
-                let [r, g, b, alpha] = shader.pixel_colour(faces, layer.triangle, x, y);
+                let [r, g, b, alpha] = faces.colour(frame, rect, layer.place, layer.number, [x, y]);
                 // Opaque surfaces ignore alpha; of cut-out ones only what reaches the cut-off is here.
                 let alpha = if is_translucent { alpha.clamp(0.0, 1.0) } else { 1.0 };
                 [r, g, b, alpha].map(f64::from)
@@ -180,7 +188,7 @@ impl Layers {
         };
         if !one_order {
             for (i, sample) in samples[..pattern.count].iter_mut().enumerate() {
-                sort_sample(&mut self.of_sample, &self.layers, shader, [x, y], i);
+                sort_sample(&mut self.of_sample, &self.layers, frame, [x, y], i);
                 self.mix.clear();
                 for (_, _, k) in &self.of_sample {
                     step(&mut self.mix, &mut self.layers[*k]);
@@ -230,12 +238,12 @@ impl Layers {
 fn sort_sample(
     of_sample: &mut Vec<(f64, u64, usize)>,
     layers: &[Layer],
-    shader: &Shader<'_>,
+    frame: &Frame<'_>,
     [x, y]: [i32; 2],
     i: usize,
 ) {
-    let [dx, dy] = shader.pattern.points[i];
-    let q = |layer: &Layer| shader.triangles[layer.triangle as usize].plane.at(x + dx, y + dy);
+    let [dx, dy] = frame.pattern.points[i];
+    let q = |layer: &Layer| frame.triangle(layer.number).plane().at(x + dx, y + dy);
     of_sample.clear();
     of_sample.extend(layers.iter().enumerate().filter(|(_, l)| l.mask >> i & 1 != 0).map(|(k, l)| (q(l), l.order, k)));
     of_sample.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));

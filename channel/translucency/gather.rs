@@ -5,21 +5,26 @@
 //! is what contributes. There is no limit on the number of layers; a tile's fragments share one array that grows as
 //! needed and is used again.
 
-use crate::geometry::setup::{Flags, Triangle};
-use crate::raster::coverage::{CoverageSink, TILE_PIXELS, cover};
-use crate::raster::depth::in_front;
-use crate::raster::opaque::{FarBounds, RasterCounts, pixel_corner};
+use crate::frame::Frame;
+use crate::geometry::setup::Flags;
+use crate::pipeline::Skips;
+use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TILE_PIXELS, TileCover};
+use crate::raster::depth::{BlockDepth, in_front};
+use crate::raster::opaque::{RasterCounts, block_corner, hidden_in_tile, nearest_in_block, pixel_corner, pixels_of_view};
 use crate::raster::visible::Visible;
-use crate::shade::{FaceCache, Shader};
-use proto::frame::{PixelRect, TILE};
+use crate::shade::FaceCache;
+use fearless_simd::Simd;
+use proto::frame::PixelRect;
 
 /// Ends a list.
 const END: u32 = u32::MAX;
 
+const _: () = assert!(BLOCKS <= 16, "a bit per block in a u16");
+
 /// A translucent face in a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Fragment {
-    /// Number of the triangle.
+    /// The triangle's place in the tile's list.
     pub triangle: u32,
     next: u32,
     /// The samples it is seen at: covered, and no opaque face in front.
@@ -31,12 +36,14 @@ pub struct Fragment {
 pub struct Fragments {
     heads: Vec<u32>,
     fragments: Vec<Fragment>,
+    /// A bit per block that has any.
+    blocks: u16,
 }
 
 impl Fragments {
     /// None.
     pub fn new() -> Self {
-        Self { heads: vec![END; TILE_PIXELS], fragments: Vec::new() }
+        Self { heads: vec![END; TILE_PIXELS], fragments: Vec::new(), blocks: 0 }
     }
 
     /// Forgets all fragments.
@@ -44,6 +51,7 @@ impl Fragments {
         if !self.fragments.is_empty() {
             self.heads.fill(END);
             self.fragments.clear();
+            self.blocks = 0;
         }
     }
 
@@ -52,7 +60,13 @@ impl Fragments {
         self.fragments.len()
     }
 
-    /// Whether a pixel has any.
+    /// Whether no pixel of a block has any.
+    #[inline(always)]
+    pub fn is_block_empty(&self, block: usize) -> bool {
+        self.blocks >> block & 1 == 0
+    }
+
+    /// Whether a pixel has none.
     #[inline]
     pub fn is_empty(&self, pixel: usize) -> bool {
         self.heads[pixel] == END
@@ -70,6 +84,7 @@ impl Fragments {
 
     fn push(&mut self, pixel: usize, triangle: u32, mask: u64) {
         assert!(self.fragments.len() < END as usize, "a tile's fragments are numbered in 32 bits");
+        self.blocks |= 1 << (pixel / BLOCK_PIXELS);
         let next = std::mem::replace(&mut self.heads[pixel], self.fragments.len() as u32);
         self.fragments.push(Fragment { triangle, next, mask });
     }
@@ -81,74 +96,75 @@ impl Default for Fragments {
     }
 }
 
-/// Collects the fragments of the triangles `numbers` of a tile whose opaque faces are `visible`.
-pub fn gather(
-    shader: &Shader<'_>,
+/// Collects the fragments of a tile's translucent triangles: those of `numbers` from `first` on. The opaque ones, before that,
+/// are in `visible`.
+#[inline(always)]
+pub fn gather<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
     rect: PixelRect,
     numbers: &[u32],
-    visible: &Visible,
-    far: &FarBounds,
+    first: usize,
+    visible: &mut Visible,
     fragments: &mut Fragments,
+    tables: &mut SampleTables,
     faces: &mut FaceCache,
+    skips: Skips,
     counts: &mut RasterCounts,
 ) {
-    counts.pairs += numbers.len() as u64;
-    for &number in numbers {
-        let triangle = &shader.triangles[number as usize];
-        if far.hides_in_tile(triangle, rect) {
+    counts.pairs += (numbers.len() - first) as u64;
+    let valid = pixels_of_view(rect);
+    let pattern = frame.pattern;
+    for (place, &number) in numbers.iter().enumerate().skip(first) {
+        let triangle = frame.triangle(number);
+        if skips.occluded && hidden_in_tile(simd, frame, triangle, rect, visible) {
             counts.occluded += 1;
             continue;
         }
+        let Some(cover) = TileCover::new(pattern, triangle, rect) else { continue };
+        tables.clear();
         // Only a model in transition has cut-outs here.
-        let cutoff = shader.items[triangle.item as usize].cutoff();
-        let mut sink = GatherSink { shader, rect, number, triangle, cutoff, visible, far, fragments, faces, counts };
-        cover(shader.pattern, triangle, rect, &mut sink);
-    }
-}
-
-struct GatherSink<'a, 'b> {
-    shader: &'a Shader<'a>,
-    rect: PixelRect,
-    number: u32,
-    triangle: &'a Triangle,
-    cutoff: Option<f32>,
-    visible: &'b Visible,
-    far: &'b FarBounds,
-    fragments: &'b mut Fragments,
-    faces: &'b mut FaceCache,
-    counts: &'b mut RasterCounts,
-}
-
-impl CoverageSink for GatherSink<'_, '_> {
-    fn skips(&mut self, block: usize) -> bool {
-        let hidden = self.far.hides_in_block(self.triangle, self.rect, block);
-        self.counts.occluded += u64::from(hidden);
-        hidden
-    }
-
-    fn block(&mut self, _block: usize, pixel: usize, columns: usize, rows: usize) {
-        for row in 0..rows {
-            let first = pixel + row * TILE as usize;
-            for pixel in first..first + columns {
-                self.pixel(pixel, self.shader.pattern.full);
+        let cutoff = frame.items[triangle.item as usize].cutoff();
+        let depth = BlockDepth::new(pattern, triangle.plane());
+        let gains = depth.lattice(simd);
+        for block in cover.blocks() {
+            let [x, y] = block_corner(rect, block);
+            let base = depth.at(x, y);
+            if skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {
+                counts.occluded += 1;
+                continue;
             }
-        }
-    }
-
-    fn pixel(&mut self, pixel: usize, mut mask: u64) {
-        let shader = self.shader;
-        let [x, y] = pixel_corner(self.rect, pixel);
-        if self.triangle.flags.has(Flags::BEYOND) {
-            mask = shader.within_visibility(self.triangle, x, y, mask);
-        }
-        mask = self.visible.unhidden(pixel, mask, |other, both| {
-            in_front(shader.pattern, self.triangle, &shader.triangles[other as usize], x, y, both)
-        });
-        if let Some(cutoff) = self.cutoff {
-            mask = shader.reaches_cutoff(self.faces, self.number, cutoff, x, y, mask);
-        }
-        if mask != 0 {
-            self.fragments.push(pixel, self.number, mask);
+            let covered = cover.block(simd, block);
+            let touched = covered.touched & valid[block];
+            if touched == 0 {
+                continue;
+            }
+            let depths = visible.compare(simd, block, base, &gains);
+            let mut rest = touched & !depths.behind;
+            while rest != 0 {
+                let bit = rest.trailing_zeros();
+                rest &= rest - 1;
+                let is_full = covered.full >> bit & 1 != 0;
+                let mut mask = if is_full { pattern.full } else { cover.samples(simd, tables, block, bit) };
+                let pixel = block * BLOCK_PIXELS + bit as usize;
+                let [px, py] = pixel_corner(rect, pixel);
+                if triangle.flags.has(Flags::BEYOND) {
+                    mask = frame.within_visibility(triangle, px, py, mask);
+                }
+                if depths.front >> bit & 1 == 0 {
+                    mask = visible.unhidden(pixel, mask, |other, both| {
+                        let other = numbers[other as usize];
+                        let wins_ties = || frame.order(number) > frame.order(other);
+                        in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties)
+                    });
+                }
+                if let Some(cutoff) = cutoff {
+                    mask = frame.reaches_cutoff(faces, number, cutoff, px, py, mask);
+                }
+                if mask != 0 {
+                    fragments.push(pixel, place as u32, mask);
+                }
+            }
         }
     }
 }

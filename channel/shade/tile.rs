@@ -1,0 +1,328 @@
+//! The faces of a tile as they are shaded, and two quick ways that most faces take.
+//!
+//! - *One colour*: flat, untextured, uncoloured, unfaded. It is computed once per tile and kept as bytes, too.
+//! - *By normal*: as before, but with a normal per vertex and the sun as the only light. The interpolated normal needs no division:
+//!   q · n is affine over the screen, and only its direction counts. So a pixel costs three affine functions, a root and a quotient,
+//!   for 16 pixels at a time where one face covers a block.
+//!
+//! Everything else, and faces so thin that their affine functions would cancel in f32, is *general* ([`super::face`]). Which way a
+//! face takes depends on the face and the tile alone, never on a share or a list.
+//!
+//! Coordinates here are in pixels from the tile's upper left, where f32 is exact to 2⁻¹⁸ pixel.
+
+use super::FaceCache;
+use crate::frame::Frame;
+use crate::geometry::setup::{Flags, WHOLE_FACE};
+use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
+use crate::samples::SUBPIXELS;
+use fearless_simd::{Simd, f32x16, prelude::*};
+use proto::frame::{PixelRect, TILE};
+
+/// Largest corner weight anywhere in the tile that is taken the quick way: it costs f32 ten of its 24 bits.
+const WEIGHT_MAX: f64 = 1024.0;
+
+/// Not looked at yet.
+const UNKNOWN: u32 = u32::MAX;
+
+/// A face that depends on its normal alone. Vectors are x, y, z and nothing.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub struct ByNormal {
+    /// A multiple of the normal at the tile's upper left.
+    normal: [f32; 4],
+    /// Its change per pixel to the right.
+    right: [f32; 4],
+    /// Its change per pixel downwards.
+    down: [f32; 4],
+    /// Linear RGB that light is multiplied by, and alpha.
+    base: [f32; 4],
+    /// Linear RGB that is added.
+    emissive: [f32; 4],
+}
+
+/// How a face of the tile is shaded.
+#[derive(Clone, Copy, Debug)]
+pub enum Look {
+    /// One linear RGB and alpha all over, and the same as bytes, `0x00BBGGRR`.
+    Constant([f32; 4], u32),
+    /// By the normal; an index for [`TileFaces::by_normal`].
+    ByNormal(u32),
+    /// In general.
+    General,
+}
+
+/// The sun as the quick way needs it.
+#[derive(Clone, Copy, Debug)]
+struct Sun {
+    direction: [f32; 3],
+    light: f32,
+    ambient: f32,
+}
+
+/// The faces of a tile, by their place in its list. One per thread, used again.
+#[derive(Debug, Default)]
+pub struct TileFaces {
+    /// Index into `looks`, or [`UNKNOWN`].
+    known: Vec<u32>,
+    looks: Vec<Look>,
+    normals: Vec<ByNormal>,
+    general: FaceCache,
+}
+
+impl TileFaces {
+    /// Forgets all faces and makes room for the `count` of the next tile.
+    pub fn begin(&mut self, count: usize) {
+        self.known.clear();
+        self.known.resize(count, UNKNOWN);
+        self.looks.clear();
+        self.normals.clear();
+        self.general.clear();
+    }
+
+    /// The faces of the general way.
+    pub fn general(&mut self) -> &mut FaceCache {
+        &mut self.general
+    }
+
+    /// A face of the quick way by normals.
+    #[inline(always)]
+    pub fn by_normal(&self, index: u32) -> &ByNormal {
+        &self.normals[index as usize]
+    }
+
+    /// How the face at `place` of the tile's list, triangle `number`, is shaded.
+    #[inline(always)]
+    pub fn look(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> Look {
+        let known = self.known[place as usize];
+        if known != UNKNOWN {
+            return self.looks[known as usize];
+        }
+        self.find(frame, rect, place, number)
+    }
+
+    #[inline(never)]
+    fn find(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> Look {
+        let look = match quick(frame, rect, number) {
+            Some(Quick::Constant(colour)) => Look::Constant(colour, frame.encoder.rgb([colour[0], colour[1], colour[2]])),
+            Some(Quick::ByNormal(face)) => {
+                self.normals.push(face);
+                Look::ByNormal(self.normals.len() as u32 - 1)
+            }
+            None => match (self.general.of(frame, number).constant, frame.fade) {
+                (Some(c), None) => Look::Constant(c, frame.encoder.rgb([c[0], c[1], c[2]])),
+                _ => Look::General,
+            },
+        };
+        self.known[place as usize] = self.looks.len() as u32;
+        self.looks.push(look);
+        look
+    }
+
+    /// Linear RGB and alpha of the face at `place` in the pixel whose upper left is (x, y) sub.
+    #[inline(always)]
+    pub fn colour(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32, [x, y]: [i32; 2]) -> [f32; 4] {
+        match self.look(frame, rect, place, number) {
+            Look::Constant(colour, _) => colour,
+            Look::ByNormal(index) => {
+                let [dx, dy] = shading_point(frame, number, [x, y]);
+                let place = [x + dx - (rect.x0 as i32) * SUBPIXELS, y + dy - (rect.y0 as i32) * SUBPIXELS];
+                self.normals[index as usize].at(frame, place.map(|c| c as f32 * (1.0 / SUBPIXELS as f32)))
+            }
+            Look::General => frame.pixel_colour(&mut self.general, number, x, y),
+        }
+    }
+}
+
+/// Where in a pixel a whole face is shaded: at the centre, or at its covered sample nearest to that; sub.
+#[inline(always)]
+fn shading_point(frame: &Frame<'_>, number: u32, [x, y]: [i32; 2]) -> [i32; 2] {
+    let edges = Edges::of(frame.triangle(number));
+    let centre = SUBPIXELS / 2;
+    if edges.covers(x + centre, y + centre) {
+        return [centre, centre];
+    }
+    let points = &frame.pattern.points[..frame.pattern.count];
+    let found = points.iter().find(|[dx, dy]| edges.covers(x + dx, y + dy));
+    *found.expect("a face is shaded only in pixels where it covers a sample")
+}
+
+enum Quick {
+    Constant([f32; 4]),
+    ByNormal(ByNormal),
+}
+
+/// What the quick ways need of a face, if one of them will do.
+#[inline(always)]
+fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
+    let run = frame.run(number);
+    let triangle = frame.triangle(number);
+    let item = &frame.items[triangle.item as usize];
+    let mesh = &item.stored.mesh;
+    let material = &mesh.material;
+    let is_plain = material.base_texture.is_none() && material.emissive_texture.is_none() && mesh.colors.is_empty();
+    if !is_plain || material.unlit || frame.fade.is_some() || !frame.lights.is_empty() || triangle.clip != WHOLE_FACE {
+        return None;
+    }
+    let all = run.normals_of(triangle.item as usize)?;
+    let vertices = mesh.triangles[triangle.face as usize];
+    let behind = if triangle.flags.has(Flags::BEHIND) { -1.0 } else { 1.0 };
+    let [a, b, c] = vertices.map(|v| all[v as usize].map(|n| n * behind));
+    let is_missing = |n: [f32; 4]| n == [0.0; 4];
+    if is_missing(a) || is_missing(b) || is_missing(c) {
+        return None;
+    }
+    let [r, g, b_, alpha] = material.base_color;
+    let base = [r, g, b_, alpha];
+    let [er, eg, eb] = material.emissive;
+    let mut face =
+        ByNormal { normal: a, right: [0.0; 4], down: [0.0; 4], base, emissive: [er, eg, eb, 0.0] };
+    if a == b && a == c {
+        return Some(Quick::Constant(face.at(frame, [0.0; 2])));
+    }
+    let normals = if triangle.flags.has(Flags::SWAPPED) { [a, c, b] } else { [a, b, c] };
+    let (x, y, q) = (triangle.x, triangle.y, triangle.corner_q());
+    let largest = q.into_iter().fold(0.0, |m, q| if q > m { q } else { m });
+    let scale = 1.0 / (triangle.area_twice() as f64 * largest);
+    let origin = [rect.x0, rect.y0].map(|c| (c as i32) * SUBPIXELS);
+    let mut weights = [[0.0f32; 3]; 3];
+    let mut most = 0.0;
+    for k in 0..3 {
+        // The edge opposite of corner k.
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        let (ex, ey) = (i64::from(x[j] - x[i]), i64::from(y[j] - y[i]));
+        let here = (ex * i64::from(origin[1] - y[i]) - ey * i64::from(origin[0] - x[i])) as f64;
+        let part = q[k] * scale;
+        let [here, right, down] =
+            [here * part, -(ey as f64) * part * f64::from(SUBPIXELS), ex as f64 * part * f64::from(SUBPIXELS)];
+        let reach = here.abs() + f64::from(TILE) * (right.abs() + down.abs());
+        most = if reach > most || reach.is_nan() { reach } else { most };
+        weights[k] = [here, right, down].map(|w| w as f32);
+    }
+    let fits = most <= WEIGHT_MAX;
+    if !fits {
+        return None;
+    }
+    let mix = |w: usize| -> [f32; 4] {
+        std::array::from_fn(|c| {
+            normals[0][c] * weights[0][w] + normals[1][c] * weights[1][w] + normals[2][c] * weights[2][w]
+        })
+    };
+    (face.normal, face.right, face.down) = (mix(0), mix(1), mix(2));
+    Some(Quick::ByNormal(face))
+}
+
+impl Sun {
+    #[inline(always)]
+    fn of(frame: &Frame<'_>) -> Self {
+        let e = frame.environment;
+        Self { direction: e.sun_direction.as_vec3().to_array(), light: e.sun, ambient: e.ambient }
+    }
+}
+
+impl ByNormal {
+    /// Linear RGB and alpha at a place in pixels from the tile's upper left: the scalar twin of [`ByNormal::block`].
+    #[inline(always)]
+    pub fn at(&self, frame: &Frame<'_>, [x, y]: [f32; 2]) -> [f32; 4] {
+        let sun = Sun::of(frame);
+        let n: [f32; 3] = std::array::from_fn(|k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
+        // What has no direction has no sun.
+        let light = sun.ambient + sun.light * if slope > 0.0 { slope } else { 0.0 };
+        let [r, g, b] = std::array::from_fn(|c| finite(self.base[c] * light + self.emissive[c]));
+        [r, g, b, self.base[3]]
+    }
+
+    /// Linear RGB at the centres of a block's 64 pixels.
+    #[inline(always)]
+    pub fn block<S: Simd>(&self, simd: S, frame: &Frame<'_>, block: usize) -> [[f32x16<S>; 4]; 3] {
+        const COLUMNS: [f32; 16] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5];
+        const ROWS: [f32; 16] = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5];
+        let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
+        let x = f32x16::simd_from(simd, COLUMNS) + left as f32;
+        let rows = f32x16::simd_from(simd, ROWS) + top as f32;
+        let mut out = [[f32x16::splat(simd, 0.0); 4]; 3];
+        for group in 0..4 {
+            let y = rows + (2 * group) as f32;
+            let n = [0, 1, 2].map(|k| (x * self.right[k] + y * self.down[k]) + self.normal[k]);
+            let light = Self::light(simd, frame, n);
+            for c in 0..3 {
+                out[c][group] = finite_16(simd, light * self.base[c] + self.emissive[c]);
+            }
+        }
+        out
+    }
+
+    /// The factor of light for 16 directions.
+    #[inline(always)]
+    fn light<S: Simd>(simd: S, frame: &Frame<'_>, n: [f32x16<S>; 3]) -> f32x16<S> {
+        let sun = Sun::of(frame);
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
+        let zero = f32x16::splat(simd, 0.0);
+        slope.simd_gt(zero).select(slope, zero) * sun.light + sun.ambient
+    }
+
+    /// Alpha, everywhere.
+    #[inline(always)]
+    pub fn alpha(&self) -> f32 {
+        self.base[3]
+    }
+}
+
+/// Up to 16 places on faces that are shaded by normals, to be done together.
+#[derive(Debug)]
+pub struct Batch {
+    /// Index of the face, for [`TileFaces::by_normal`].
+    pub faces: [u32; 16],
+    /// Pixels from the tile's upper left.
+    pub x: [f32; 16],
+    /// Likewise.
+    pub y: [f32; 16],
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Self { faces: [0; 16], x: [0.0; 16], y: [0.0; 16], count: 0 }
+    }
+}
+
+impl Batch {
+    /// Linear RGB of each place, as [`ByNormal::at`] gives it.
+    #[inline(always)]
+    pub fn colours<S: Simd>(&self, simd: S, frame: &Frame<'_>, faces: &TileFaces) -> [[f32; 4]; 16] {
+        let mut n = [[0.0f32; 16]; 3];
+        for i in 0..self.count {
+            let face = faces.by_normal(self.faces[i]);
+            let (x, y) = (self.x[i], self.y[i]);
+            let at: [f32; 4] = std::array::from_fn(|k| face.normal[k] + (face.right[k] * x + face.down[k] * y));
+            for k in 0..3 {
+                n[k][i] = at[k];
+            }
+        }
+        let light: [f32; 16] = ByNormal::light(simd, frame, n.map(|c| f32x16::simd_from(simd, c))).into();
+        let mut out = [[0.0; 4]; 16];
+        for i in 0..self.count {
+            let face = faces.by_normal(self.faces[i]);
+            out[i] = std::array::from_fn(|c| finite(face.base[c] * light[i] + face.emissive[c]));
+        }
+        out
+    }
+}
+
+/// Numbers in meshes may be huge; what they multiply to stays a number. NaN counts as 0.
+#[inline(always)]
+pub(super) fn finite(c: f32) -> f32 {
+    if c.is_nan() { 0.0 } else { c.clamp(f32::MIN, f32::MAX) }
+}
+
+/// The same for 16.
+#[inline(always)]
+fn finite_16<S: Simd>(simd: S, c: f32x16<S>) -> f32x16<S> {
+    let number = c.simd_eq(c).select(c, f32x16::splat(simd, 0.0));
+    let (low, high) = (f32x16::splat(simd, f32::MIN), f32x16::splat(simd, f32::MAX));
+    let number = number.simd_gt(high).select(high, number);
+    number.simd_lt(low).select(low, number)
+}

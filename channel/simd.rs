@@ -1,0 +1,111 @@
+//! The instruction sets that pixels can be made with, and the choice of one.
+//!
+//! Every kernel is one generic body over `fearless_simd`'s token, compiled for each level and entered by one dispatch per run
+//! of geometry and per tile. All levels give the same bits: kernels use + − × ÷ √, comparisons and integers only, no fused
+//! multiply-add, no approximate reciprocals, no sums whose order depends on a width. `scalar` is the twin that the others are
+//! tested against.
+
+use fearless_simd::Level;
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
+
+/// An instruction set that this machine has.
+#[derive(Clone, Copy, Debug)]
+pub struct SimdLevel {
+    name: &'static str,
+    level: Level,
+}
+
+/// A level's name was not understood, or this machine doesn't have it.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum SimdLevelError {
+    /// No such level.
+    #[error("no instruction set is called {name:?}; this machine has {}", names())]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+}
+
+fn names() -> String {
+    let names: Vec<&str> = SimdLevel::all().iter().map(|level| level.name).collect();
+    names.join(", ")
+}
+
+impl SimdLevel {
+    /// The best of this machine.
+    pub fn best() -> Self {
+        *Self::all().last().expect("scalar is always there")
+    }
+
+    /// All that this machine has, the slowest first.
+    pub fn all() -> Vec<Self> {
+        let best = Level::new();
+        let mut all = vec![Self { name: "scalar", level: Level::fallback() }];
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        {
+            let named = |name, level: Option<Level>| level.map(|level| Self { name, level });
+            all.extend(named("sse2", best.as_sse2().map(Level::Sse2)));
+            all.extend(named("sse4.2", best.as_sse4_2().map(Level::Sse4_2)));
+            all.extend(named("avx2", best.as_avx2().map(Level::Avx2)));
+            all.extend(named("avx512", best.as_avx512().map(Level::Avx512)));
+        }
+        #[cfg(target_arch = "aarch64")]
+        all.extend(best.as_neon().map(|neon| Self { name: "neon", level: Level::Neon(neon) }));
+        #[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
+        let _ = best;
+        all
+    }
+
+    /// The token to dispatch on.
+    pub(crate) fn level(self) -> Level {
+        self.level
+    }
+
+    /// Its name, as `--simd` takes it.
+    pub fn name(self) -> &'static str {
+        self.name
+    }
+}
+
+impl Default for SimdLevel {
+    fn default() -> Self {
+        Self::best()
+    }
+}
+
+impl fmt::Display for SimdLevel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+impl FromStr for SimdLevel {
+    type Err = SimdLevelError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        let found = Self::all().into_iter().find(|level| level.name == name);
+        found.ok_or_else(|| SimdLevelError::Unknown { name: name.to_owned() })
+    }
+}
+
+/// For tests of one kernel: all levels of this machine.
+#[cfg(test)]
+pub(crate) fn every_level() -> Vec<Level> {
+    SimdLevel::all().into_iter().map(SimdLevel::level).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_found_by_name() {
+        for level in SimdLevel::all() {
+            assert_eq!(level.name().parse::<SimdLevel>().unwrap().name(), level.name());
+        }
+        let error = "mmx".parse::<SimdLevel>().unwrap_err().to_string();
+        assert!(error.contains("scalar"), "{error}");
+    }
+}
