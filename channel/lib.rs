@@ -17,6 +17,7 @@
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
 #![forbid(unsafe_code)]
 
+pub mod exact;
 pub mod geometry;
 pub mod lights;
 pub mod pipeline;

@@ -1,0 +1,200 @@
+//! A pixel's faces made ready: which of them reach it, by which of their edges it is cut, and in which order they stand.
+
+use super::ExactFace;
+use super::polygon::{Line, larger, lesser};
+use std::cmp::Ordering;
+
+/// Bound on the rounding of a comparison of two inverse distances, relative to the sum of the magnitudes of their terms: a few
+/// operations, each wrong by 2⁻⁵³ at most.
+const ROUNDING: f64 = 1.0 / (1u64 << 48) as f64;
+
+/// How one edge of a face lies with respect to the pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Edge {
+    /// The whole pixel is on its inner side.
+    #[default]
+    Aside,
+    /// Its line goes through the pixel, but it ends before.
+    Beyond,
+    /// It goes through the pixel.
+    Through,
+}
+
+/// A face that reaches the pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Prepared {
+    /// Index into what was handed over.
+    pub(super) face: usize,
+    pub(super) edges: [Edge; 3],
+    lines: [Line; 3],
+    line_count: usize,
+    /// Inverse distance at the pixel's upper left, and its change per pixel.
+    pub(super) q: [f64; 3],
+    /// Sum of the magnitudes of its terms.
+    terms: f64,
+    /// Hides everything behind it.
+    pub(super) is_opaque: bool,
+}
+
+impl Prepared {
+    /// `None` if the face covers nothing of the pixel, or isn't a face at all: without area, or not of finite numbers.
+    #[inline]
+    fn new(number: usize, face: &ExactFace<'_>) -> Option<Self> {
+        let ([x0, x1, x2], [y0, y1, y2]) = (face.x, face.y);
+        let area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0);
+        let is_apart = |a: f64, b: f64, c: f64| larger(larger(a, b), c) <= 0.0 || lesser(lesser(a, b), c) >= 1.0;
+        if !(area > 0.0 && area.is_finite() && face.alpha > 0.0) || is_apart(x0, x1, x2) || is_apart(y0, y1, y2) {
+            return None;
+        }
+        let mut edges = [Edge::Aside; 3];
+        let mut lines = [Line::default(); 3];
+        let mut line_count = 0;
+        for (k, edge) in edges.iter_mut().enumerate() {
+            let next = if k == 2 { 0 } else { k + 1 };
+            let (from, to) = ([face.x[k], face.y[k]], [face.x[next], face.y[next]]);
+            let (a, b) = (from[1] - to[1], to[0] - from[0]);
+            // The upper end anchors the line, so that of two faces that share an edge, one has the other's function with the sign
+            // turned, to the bit: no gap, however far the ends are.
+            let [x, y] = if is_downward(from, to) { from } else { to };
+            let line = Line::new(a, b, -(a * x + b * y));
+            let [low, high] = line.over_square();
+            if high <= line.slack {
+                return None;
+            }
+            if low < -line.slack {
+                lines[line_count] = line;
+                line_count += 1;
+                let is_beyond = |a: f64, b: f64| larger(a, b) <= 0.0 || lesser(a, b) >= 1.0;
+                let is_beyond = is_beyond(from[0], to[0]) || is_beyond(from[1], to[1]);
+                *edge = if is_beyond { Edge::Beyond } else { Edge::Through };
+            }
+        }
+        let q = [face.q0, face.qx, face.qy];
+        let terms = q[0].abs() + q[1].abs() + q[2].abs();
+        let is_opaque = face.alpha == 1.0 && face.part.is_none();
+        Some(Self { face: number, edges, lines, line_count, q, terms, is_opaque })
+    }
+
+    /// The edges' lines that go through the pixel: within it, the face is what is inside of all of them.
+    #[inline]
+    pub(super) fn lines(&self) -> &[Line] {
+        &self.lines[..self.line_count]
+    }
+
+    /// Inverse distance at a place in the pixel.
+    #[inline]
+    pub(super) fn q_at(&self, [x, y]: [f64; 2]) -> f64 {
+        self.q[0] + (self.q[1] * x + self.q[2] * y)
+    }
+
+    /// The function that is positive where this face is in front of another: the difference of two affine functions is affine.
+    #[inline]
+    pub(super) fn in_front_of(&self, other: &Self) -> Line {
+        let [c, a, b] = [0, 1, 2].map(|i| self.q[i] - other.q[i]);
+        Line { a, b, c, slack: ROUNDING * (self.terms + other.terms) }
+    }
+
+    /// Least and largest inverse distance over the pixel, or over the face if that says more.
+    #[inline]
+    pub(super) fn bounds(&self, face: &ExactFace<'_>) -> [f64; 2] {
+        let [q, dx, dy] = self.q;
+        let [a, b, c] = [0, 1, 2].map(|k| self.q_at([face.x[k], face.y[k]]));
+        let farthest = larger(q + (lesser(dx, 0.0) + lesser(dy, 0.0)), lesser(lesser(a, b), c));
+        let nearest = lesser(q + (larger(dx, 0.0) + larger(dy, 0.0)), larger(larger(a, b), c));
+        [farthest, nearest]
+    }
+}
+
+/// Whether an edge goes down, or right if it is level.
+#[inline]
+pub(super) fn is_downward(from: [f64; 2], to: [f64; 2]) -> bool {
+    from[1] < to[1] || (from[1] == to[1] && from[0] < to[0])
+}
+
+/// Where a face stands in the order.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    /// Inverse distance at the pixel's centre.
+    q: f64,
+    order: u64,
+    index: usize,
+}
+
+/// The faces that reach the pixel, nearest at its centre first.
+#[derive(Debug, Default)]
+pub(super) struct Faces {
+    prepared: Vec<Prepared>,
+    places: Vec<Place>,
+    /// By the order: the least inverse distance of a face, and the largest of those that follow it.
+    bounds: Vec<[f64; 2]>,
+}
+
+impl Faces {
+    pub(super) fn set(&mut self, faces: &[ExactFace<'_>]) {
+        self.prepared.clear();
+        self.places.clear();
+        for (number, face) in faces.iter().enumerate() {
+            let Some(prepared) = Prepared::new(number, face) else { continue };
+            let place = Place { q: prepared.q_at([0.5; 2]), order: face.order, index: self.prepared.len() };
+            self.prepared.push(prepared);
+            // Faces are few and mostly come nearly sorted.
+            let mut k = self.places.len();
+            self.places.push(place);
+            while k > 0 && self.is_before(faces, &place, &self.places[k - 1]) {
+                self.places[k] = self.places[k - 1];
+                k -= 1;
+            }
+            self.places[k] = place;
+        }
+    }
+
+    /// A total order of what the faces are. Only pieces of one face have all but their corners in common.
+    #[inline]
+    fn is_before(&self, faces: &[ExactFace<'_>], a: &Place, b: &Place) -> bool {
+        if a.q != b.q {
+            return a.q > b.q;
+        }
+        if a.order != b.order {
+            return a.order > b.order;
+        }
+        let [a, b] = [a, b].map(|place| &faces[self.prepared[place.index].face]);
+        let corners = |face: &ExactFace<'_>| [face.x, face.y];
+        corners(a) < corners(b)
+    }
+
+    #[inline]
+    pub(super) fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Face k in the order.
+    #[inline]
+    pub(super) fn at(&self, k: usize) -> &Prepared {
+        &self.prepared[self.places[k].index]
+    }
+
+    /// Which of two faces is in front where both are equally near.
+    #[inline]
+    pub(super) fn by_rank(&self, a: usize, b: usize) -> Ordering {
+        self.places[b].order.cmp(&self.places[a].order).then(a.cmp(&b))
+    }
+
+    /// Computes how near the faces come, for [`Self::is_in_front_of_all_after`].
+    pub(super) fn set_bounds(&mut self, faces: &[ExactFace<'_>]) {
+        self.bounds.clear();
+        self.bounds.resize(self.len(), [0.0; 2]);
+        let mut after = f64::NEG_INFINITY;
+        for k in (0..self.len()).rev() {
+            let [farthest, nearest] = self.at(k).bounds(&faces[self.at(k).face]);
+            self.bounds[k] = [farthest, after];
+            after = larger(after, nearest);
+        }
+    }
+
+    /// Whether face k is in front of all that follow it in the order, wherever in the pixel they meet.
+    #[inline]
+    pub(super) fn is_in_front_of_all_after(&self, k: usize) -> bool {
+        let [farthest, after] = self.bounds[k];
+        farthest >= after
+    }
+}
