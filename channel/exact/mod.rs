@@ -11,7 +11,9 @@
 //! 2. [`regions`]: faces from front to back, each taking its part of what is left, translucent ones leaving a part. For
 //!    outlines, layers, and whatever else has one order.
 //! 3. [`cells`]: cut until everything has one order and one set of faces. For surfaces that interpenetrate or overlap in a circle, and for
-//!    models.
+//!    merged models.
+//!
+//! A pixel with versions of models in transition is the weighted mean of pixels without ([`versions`]).
 //!
 //! A pixel that needs more than a named number of regions or cells is sampled instead ([`points`]), and counted.
 //!
@@ -29,6 +31,7 @@ mod regions;
 mod sheet;
 #[cfg(test)]
 mod tests;
+mod versions;
 
 use crate::translucency::models::Member;
 
@@ -68,25 +71,39 @@ pub struct ExactFace<'a> {
     pub part: Option<Part<'a>>,
 }
 
-/// How pixels were computed.
+/// How pixels were computed. Each is counted once, but for `versions`, which are counted besides; for these the longest of the ways
+/// that were taken counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// By one face that hides the rest, or none.
-    pub plain: u64,
+    /// Met by no face.
+    pub empty: u64,
     /// By a sheet of faces.
     pub sheets: u64,
     /// From front to back.
     pub regions: u64,
-    /// Of these, with parts that were cut until they had one order.
+    /// From front to back, with parts that were cut until they had one order.
     pub cells: u64,
     /// By [`SAMPLES_INSTEAD`] points, because they would have needed more than [`REGIONS_MAX`] or [`CELLS_MAX`].
     pub sampled: u64,
+    /// As means over versions of models.
+    pub versions: u64,
+}
+
+/// How a pixel was computed, the shortest way first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Way {
+    Empty,
+    Sheet,
+    Regions,
+    Cells,
+    Sampled,
 }
 
 /// Integrates pixels; its buffers are used again.
 #[derive(Debug, Default)]
 pub struct Integrator {
     faces: prepare::Faces,
+    versions: versions::Versions,
     sheets: sheet::Sheets,
     regions: regions::Regions,
     cells: cells::Cells,
@@ -103,28 +120,58 @@ impl Integrator {
     /// The mean over the pixel of what is seen of the faces before a background, linear RGB, unclamped.
     pub fn integrate(&mut self, faces: &[ExactFace<'_>], background: [f64; 3]) -> [f64; 3] {
         self.faces.set(faces);
+        let (colour, way) = if self.faces.has_parts && self.versions.set(faces, &self.faces) {
+            self.counts.versions += 1;
+            self.mean_of_versions(faces, background)
+        } else {
+            self.one(faces, background)
+        };
+        *match way {
+            Way::Empty => &mut self.counts.empty,
+            Way::Sheet => &mut self.counts.sheets,
+            Way::Regions => &mut self.counts.regions,
+            Way::Cells => &mut self.counts.cells,
+            Way::Sampled => &mut self.counts.sampled,
+        } += 1;
+        colour
+    }
+
+    fn mean_of_versions(&mut self, faces: &[ExactFace<'_>], background: [f64; 3]) -> ([f64; 3], Way) {
+        let mut mean = [0.0; 3];
+        let mut longest = Way::Empty;
+        loop {
+            let weight = self.versions.weight();
+            if weight > 0.0 {
+                self.faces.set_versions(faces, &self.versions);
+                let (colour, way) = self.one(faces, background);
+                for (mean, c) in mean.iter_mut().zip(colour) {
+                    *mean += c * weight;
+                }
+                longest = longest.max(way);
+            }
+            if !self.versions.advance() {
+                return (mean, longest);
+            }
+        }
+    }
+
+    /// The pixel of the prepared faces.
+    #[inline]
+    fn one(&mut self, faces: &[ExactFace<'_>], background: [f64; 3]) -> ([f64; 3], Way) {
         if self.faces.len() == 0 {
-            self.counts.plain += 1;
-            return background;
+            return (background, Way::Empty);
         }
         if self.faces.len() <= sheet::SHEET_MAX
             && let Some(colour) = self.sheets.colour(faces, &self.faces)
         {
-            self.counts.sheets += 1;
-            return colour;
+            return (colour, Way::Sheet);
         }
         self.faces.set_bounds(faces);
         self.cells.clear();
         match self.regions.colour(faces, &self.faces, &self.sheets, &mut self.cells, background) {
-            Ok(colour) => {
-                self.counts.regions += 1;
-                self.counts.cells += u64::from(self.cells.is_used);
-                colour
-            }
-            Err(cells::TooMany) => {
-                self.counts.sampled += 1;
-                self.points.colour(faces, &self.faces, background)
-            }
+            Ok(colour) if self.cells.is_used => (colour, Way::Cells),
+            Ok(colour) => (colour, Way::Regions),
+            Err(cells::TooMany) => (self.points.colour(faces, &self.faces, background), Way::Sampled),
         }
     }
 }

@@ -32,8 +32,8 @@ impl Points {
             }
             let nearest_first = |a: &(f64, usize), b: &(f64, usize)| b.0.total_cmp(&a.0).then(order.by_rank(a.1, b.1));
             self.stack.sort_unstable_by(nearest_first);
-            let stack = self.stack.iter().map(|(_, k)| &faces[order.at(*k).face]);
-            let (rgb, transmitted) = compose(&mut self.mix, stack);
+            let stack = self.stack.iter().map(|(_, k)| order.at(*k));
+            let (rgb, transmitted) = compose(&mut self.mix, faces, stack);
             for ((sum, c), behind) in sum.iter_mut().zip(rgb).zip(background) {
                 *sum += c + behind * transmitted;
             }

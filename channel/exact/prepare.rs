@@ -2,6 +2,7 @@
 
 use super::ExactFace;
 use super::polygon::{Line, larger, lesser};
+use super::versions::Versions;
 use std::cmp::Ordering;
 
 /// Bound on the rounding of a comparison of two inverse distances, relative to the sum of the magnitudes of their terms: a few
@@ -34,12 +35,14 @@ pub(super) struct Prepared {
     terms: f64,
     /// Hides everything behind it.
     pub(super) is_opaque: bool,
+    /// Has to be mixed by the rules of its model.
+    pub(super) is_part: bool,
 }
 
 impl Prepared {
     /// `None` if the face covers nothing of the pixel, or isn't a face at all: without area, or not of finite numbers.
     #[inline]
-    fn new(number: usize, face: &ExactFace<'_>) -> Option<Self> {
+    fn new(number: usize, face: &ExactFace<'_>, is_part: bool) -> Option<Self> {
         let ([x0, x1, x2], [y0, y1, y2]) = (face.x, face.y);
         let area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0);
         let is_apart = |a: f64, b: f64, c: f64| larger(larger(a, b), c) <= 0.0 || lesser(lesser(a, b), c) >= 1.0;
@@ -71,8 +74,8 @@ impl Prepared {
         }
         let q = [face.q0, face.qx, face.qy];
         let terms = q[0].abs() + q[1].abs() + q[2].abs();
-        let is_opaque = face.alpha == 1.0 && face.part.is_none();
-        Some(Self { face: number, edges, lines, line_count, q, terms, is_opaque })
+        let is_opaque = face.alpha == 1.0 && !is_part;
+        Some(Self { face: number, edges, lines, line_count, q, terms, is_opaque, is_part })
     }
 
     /// The edges' lines that go through the pixel: within it, the face is what is inside of all of them.
@@ -125,27 +128,51 @@ struct Place {
 pub(super) struct Faces {
     prepared: Vec<Prepared>,
     places: Vec<Place>,
+    pub(super) has_parts: bool,
     /// By the order: the least inverse distance of a face, and the largest of those that follow it.
     bounds: Vec<[f64; 2]>,
 }
 
 impl Faces {
+    /// Of all faces.
     pub(super) fn set(&mut self, faces: &[ExactFace<'_>]) {
+        self.clear();
+        for (number, face) in faces.iter().enumerate() {
+            self.add(faces, number, face.part.is_some());
+        }
+    }
+
+    /// Of those faces that a choice of versions shows, as if they belonged to no model.
+    pub(super) fn set_versions(&mut self, faces: &[ExactFace<'_>], versions: &Versions) {
+        self.clear();
+        for (number, face) in faces.iter().enumerate() {
+            if versions.shows(face) {
+                self.add(faces, number, false);
+            }
+        }
+    }
+
+    fn clear(&mut self) {
         self.prepared.clear();
         self.places.clear();
-        for (number, face) in faces.iter().enumerate() {
-            let Some(prepared) = Prepared::new(number, face) else { continue };
-            let place = Place { q: prepared.q_at([0.5; 2]), order: face.order, index: self.prepared.len() };
-            self.prepared.push(prepared);
-            // Faces are few and mostly come nearly sorted.
-            let mut k = self.places.len();
-            self.places.push(place);
-            while k > 0 && self.is_before(faces, &place, &self.places[k - 1]) {
-                self.places[k] = self.places[k - 1];
-                k -= 1;
-            }
-            self.places[k] = place;
+        self.has_parts = false;
+    }
+
+    #[inline]
+    fn add(&mut self, faces: &[ExactFace<'_>], number: usize, is_part: bool) {
+        let face = &faces[number];
+        let Some(prepared) = Prepared::new(number, face, is_part) else { return };
+        self.has_parts |= is_part;
+        let place = Place { q: prepared.q_at([0.5; 2]), order: face.order, index: self.prepared.len() };
+        self.prepared.push(prepared);
+        // Faces are few and mostly come nearly sorted.
+        let mut k = self.places.len();
+        self.places.push(place);
+        while k > 0 && self.is_before(faces, &place, &self.places[k - 1]) {
+            self.places[k] = self.places[k - 1];
+            k -= 1;
         }
+        self.places[k] = place;
     }
 
     /// A total order of what the faces are. Only pieces of one face have all but their corners in common.
@@ -197,4 +224,16 @@ impl Faces {
         let [farthest, after] = self.bounds[k];
         farthest >= after
     }
+}
+
+/// The members of a set of faces, in order.
+#[inline]
+pub(super) fn members(mut set: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let k = set.trailing_zeros() as usize;
+        (set != 0).then(|| {
+            set &= set - 1;
+            k
+        })
+    })
 }

@@ -13,8 +13,8 @@
 use super::ExactFace;
 use super::cells::{Cells, TooMany};
 use super::polygon::{Polygon, Sides};
-use super::prepare::Faces;
-use super::sheet::{SHEET_MAX, Sheets, members};
+use super::prepare::{Faces, members};
+use super::sheet::{SHEET_MAX, Sheets};
 
 /// Most regions of a pixel. A guess: far beyond what was seen in meshes, and still below a millisecond.
 pub const REGIONS_MAX: usize = 512;
@@ -92,7 +92,7 @@ impl Regions {
         // What no opaque face was found for yet, pixels².
         let mut open = 1.0;
         for k in 0..order.len() {
-            if faces[order.at(k).face].part.is_some() {
+            if order.at(k).is_part {
                 for region in &self.regions[..self.count] {
                     cells.add(faces, order, k, &region.polygon, region.transmitted, background, &mut sum)?;
                 }

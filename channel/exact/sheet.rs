@@ -10,7 +10,7 @@
 
 use super::ExactFace;
 use super::polygon::{larger, lesser};
-use super::prepare::{Edge, Faces, is_downward};
+use super::prepare::{Edge, Faces, is_downward, members};
 
 /// More faces than this aren't tried: they are a bit each in a word.
 pub(super) const SHEET_MAX: usize = 64;
@@ -125,7 +125,10 @@ impl Sheets {
         if others != 0 {
             let bounds = |k: usize| order.at(k).bounds(&faces[order.at(k).face]);
             let farthest = members(sheet).map(|k| bounds(k)[0]).fold(f64::INFINITY, lesser);
-            if !members(others).all(|k| bounds(k)[1] <= farthest) {
+            // Where they are equally near, only what follows all of the sheet in the order is behind.
+            let last = sheet.ilog2() as usize;
+            let is_behind = |k: usize| bounds(k)[1] < farthest || (k > last && bounds(k)[1] == farthest);
+            if !members(others).all(is_behind) {
                 return None;
             }
         }
@@ -148,18 +151,6 @@ impl Sheets {
         }
         Some(colour)
     }
-}
-
-/// The members of a set of faces, in order.
-#[inline]
-pub(super) fn members(mut set: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let k = set.trailing_zeros() as usize;
-        (set != 0).then(|| {
-            set &= set - 1;
-            k
-        })
-    })
 }
 
 #[inline]
