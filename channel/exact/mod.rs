@@ -3,14 +3,15 @@
 //! The design book's page *The right picture*, "One pixel", says what a pixel is: the mean, in linear light, of what is
 //! seen over its square; area times colour, as seed 002 (EP 0 621 548) computes it for its faces' edges. Sampling approximates it, with n
 //! points to about 1/n of the edges' contrast; here it is computed, from the faces' corners, to rounding. A face's
-//! colour is one per pixel, so the integral is a sum of visible areas times colours, and what remains is to find the areas. Three ways,
+//! colour is one per pixel, so the integral is a sum of visible areas times colours, and what remains is to find the areas. Four ways,
 //! each taken where the one before doesn't answer:
 //!
 //! 1. [`sheet`]: opaque faces that share all their edges within the pixel, as a mesh's do away from its outline. Their areas come
 //!    from the edges, without any cutting or order.
-//! 2. [`regions`]: faces from front to back, each taking its part of what is left, translucent ones leaving a part. For
-//!    outlines, layers, and whatever else has one order.
-//! 3. [`cells`]: cut until everything has one order and one set of faces. For surfaces that interpenetrate or overlap in a circle, and for
+//! 2. [`mosaic`]: faces side by side before a sheet or the background, as at a mesh's outline. Areas less the areas of overlaps.
+//! 3. [`regions`]: faces from front to back, each taking its part of what is left, translucent ones leaving a part. For
+//!    layers, and whatever else has one order.
+//! 4. [`cells`]: cut until everything has one order and one set of faces. For surfaces that interpenetrate or overlap in a circle, and for
 //!    merged models.
 //!
 //! A pixel with versions of models in transition is the weighted mean of pixels without ([`versions`]).
@@ -24,6 +25,7 @@
 //! pieces thinner than 1e-13 pixel or smaller than 1e-12 pixels² may be given to a neighbour. All in all below 1e-6 of full scale.
 
 mod cells;
+mod mosaic;
 mod points;
 mod polygon;
 mod prepare;
@@ -79,6 +81,8 @@ pub struct Counts {
     pub empty: u64,
     /// By a sheet of faces.
     pub sheets: u64,
+    /// By faces side by side before a sheet or the background.
+    pub mosaics: u64,
     /// From front to back.
     pub regions: u64,
     /// From front to back, with parts that were cut until they had one order.
@@ -94,6 +98,7 @@ pub struct Counts {
 enum Way {
     Empty,
     Sheet,
+    Mosaic,
     Regions,
     Cells,
     Sampled,
@@ -105,6 +110,7 @@ pub struct Integrator {
     faces: prepare::Faces,
     versions: versions::Versions,
     sheets: sheet::Sheets,
+    mosaic: mosaic::Mosaic,
     regions: regions::Regions,
     cells: cells::Cells,
     points: points::Points,
@@ -129,6 +135,7 @@ impl Integrator {
         *match way {
             Way::Empty => &mut self.counts.empty,
             Way::Sheet => &mut self.counts.sheets,
+            Way::Mosaic => &mut self.counts.mosaics,
             Way::Regions => &mut self.counts.regions,
             Way::Cells => &mut self.counts.cells,
             Way::Sampled => &mut self.counts.sampled,
@@ -167,6 +174,12 @@ impl Integrator {
             return (colour, Way::Sheet);
         }
         self.faces.set_bounds(faces);
+        if self.faces.len() <= sheet::SHEET_MAX
+            && !self.faces.has_parts
+            && let Ok(Some(colour)) = self.mosaic.colour(faces, &self.faces, &self.sheets, background)
+        {
+            return (colour, Way::Mosaic);
+        }
         self.cells.clear();
         match self.regions.colour(faces, &self.faces, &self.sheets, &mut self.cells, background) {
             Ok(colour) if self.cells.is_used => (colour, Way::Cells),

@@ -218,11 +218,10 @@ impl Faces {
         }
     }
 
-    /// Whether face k is in front of all that follow it in the order, wherever in the pixel they meet.
+    /// Whether face k is in front of all that follow `last` in the order, wherever in the pixel they meet; `last` is k or follows it.
     #[inline]
-    pub(super) fn is_in_front_of_all_after(&self, k: usize) -> bool {
-        let [farthest, after] = self.bounds[k];
-        farthest >= after
+    pub(super) fn is_in_front_of_all_after(&self, k: usize, last: usize) -> bool {
+        self.bounds[k][0] >= self.bounds[last][1]
     }
 }
 

@@ -13,7 +13,7 @@
 use super::ExactFace;
 use super::cells::{Cells, TooMany};
 use super::polygon::{Polygon, Sides};
-use super::prepare::{Faces, members};
+use super::prepare::Faces;
 use super::sheet::{SHEET_MAX, Sheets};
 
 /// Most regions of a pixel. A guess: far beyond what was seen in meshes, and still below a millisecond.
@@ -98,14 +98,6 @@ impl Regions {
                 }
                 return Ok(sum.0);
             }
-            // The first face was asked before.
-            if k > 0
-                && order.len() <= SHEET_MAX
-                && let Some(sheet) = sheets.covering_from(faces, order, k)
-            {
-                self.finish(faces, order, sheet, &mut sum)?;
-                return Ok(sum.0);
-            }
             open -= self.take(faces, order, sheets, cells, k, background, &mut sum)?;
             if open < NOTHING || self.count == 0 {
                 return Ok(sum.0);
@@ -115,29 +107,6 @@ impl Regions {
             sum.add(background, region.transmitted * region.polygon.area());
         }
         Ok(sum.0)
-    }
-
-    /// Gives the faces of a sheet all that is left. They don't overlap, so nothing has to be cut off for the next.
-    fn finish(&mut self, faces: &[ExactFace<'_>], order: &Faces, sheet: u64, sum: &mut Sum) -> Result<(), TooMany> {
-        let [part, kept] = &mut self.scratch.both;
-        let sides = &mut self.scratch.sides;
-        for region in &self.regions[..self.count] {
-            let mut left = region.polygon.area();
-            for k in members(sheet) {
-                if left < NOTHING {
-                    break;
-                }
-                let face = order.at(k);
-                let Some(crossing) = region.polygon.set_crossing(face.lines(), sides) else { continue };
-                part.set(&region.polygon);
-                if part.keep_inside(face.lines(), crossing, sides, kept).ok_or(TooMany)? {
-                    let area = part.area();
-                    left -= area;
-                    sum.add(faces[face.face].rgb, area * region.transmitted);
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Gives face k its share, and returns the area that it closed.
@@ -161,7 +130,7 @@ impl Regions {
             }
             let area = self.scratch.inside.area();
             let transmitted = self.regions[r].transmitted;
-            let is_in_order = order.is_in_front_of_all_after(k)
+            let is_in_order = order.is_in_front_of_all_after(k, k)
                 || (k + 1..order.len()).all(|other| self.scratch.is_behind(order, sheets, k, other));
             if is_in_order {
                 sum.add(face.rgb, area * (transmitted * face.alpha));

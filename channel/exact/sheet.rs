@@ -41,7 +41,7 @@ pub(super) struct Sheets {
     /// The faces that have edges through the pixel that aren't shared.
     open: u64,
     /// Areas in the pixel, pixels²; of faces with edges that aren't shared, not all of it.
-    areas: [f64; SHEET_MAX],
+    pub(super) areas: [f64; SHEET_MAX],
 }
 
 impl Default for Sheets {

@@ -1,0 +1,120 @@
+//! Faces side by side before a backdrop: an outline, mostly.
+//!
+//! Where the nearer faces don't overlap each other, and what is behind them is the background or one [`sheet`](super::sheet), nothing
+//! has to be cut up: of each face of the sheet is seen its area less what the nearer faces take of it. Each of these areas is that
+//! of one triangle cut by another's lines.
+
+use super::ExactFace;
+use super::cells::TooMany;
+use super::polygon::{Polygon, Sides};
+use super::prepare::{Faces, members};
+use super::regions::{NOTHING, Sum};
+use super::sheet::Sheets;
+
+/// Most nearer faces. A guess: they are compared pair by pair, and more seldom are side by side.
+const NEARER_MAX: usize = 8;
+
+/// Buffers.
+#[derive(Debug)]
+pub(super) struct Mosaic {
+    /// The parts of the pixel that the nearer faces cover.
+    pieces: [Polygon; NEARER_MAX],
+    both: Polygon,
+    kept: Polygon,
+    sides: [Sides; 3],
+}
+
+impl Default for Mosaic {
+    fn default() -> Self {
+        let (both, kept) = (Polygon::EMPTY, Polygon::EMPTY);
+        Self { pieces: [Polygon::EMPTY; NEARER_MAX], both, kept, sides: Default::default() }
+    }
+}
+
+impl Mosaic {
+    /// The pixel's colour if that is all there is in it. The shared edges and the bounds are known, and no face is of a model that
+    /// needs mixing.
+    pub(super) fn colour(
+        &mut self,
+        faces: &[ExactFace<'_>],
+        order: &Faces,
+        sheets: &Sheets,
+        background: [f64; 3],
+    ) -> Result<Option<[f64; 3]>, TooMany> {
+        let most = order.len().min(NEARER_MAX);
+        // The first face was asked before.
+        let backdrop = (1..=most.min(order.len() - 1)).find_map(|k| Some((k, sheets.covering_from(faces, order, k)?)));
+        let (nearer, sheet) = match backdrop {
+            Some((k, sheet)) if sheet.trailing_zeros() as usize == k => (k, sheet),
+            None if order.len() <= most => (order.len(), 0),
+            _ => return Ok(None),
+        };
+        if !(0..nearer).all(|k| order.is_in_front_of_all_after(k, nearer - 1)) {
+            return Ok(None);
+        }
+        for k in 0..nearer {
+            self.pieces[k].set_square();
+            if !cut(&mut self.pieces[k], order, k, &mut self.sides, &mut self.kept)? {
+                self.pieces[k] = Polygon::EMPTY;
+            }
+            for other in members(!sheets.neighbours[k] & ((1 << k) - 1)) {
+                if self.overlap(order, k, other)? {
+                    return Ok(None);
+                }
+            }
+        }
+        let mut sum = Sum::default();
+        let mut open = 1.0;
+        for k in 0..nearer {
+            let face = &faces[order.at(k).face];
+            let area = self.pieces[k].area();
+            sum.add(face.rgb, area * face.alpha);
+            open -= area * face.alpha;
+            let mut left = area;
+            for behind in members(sheet) {
+                if left < NOTHING {
+                    break;
+                }
+                self.both.set(&self.pieces[k]);
+                if cut(&mut self.both, order, behind, &mut self.sides, &mut self.kept)? {
+                    let hidden = self.both.area();
+                    left -= hidden;
+                    sum.add(faces[order.at(behind).face].rgb, -hidden * face.alpha);
+                }
+            }
+        }
+        if sheet == 0 {
+            sum.add(background, open);
+        }
+        for behind in members(sheet) {
+            sum.add(faces[order.at(behind).face].rgb, sheets.areas[behind]);
+        }
+        Ok(Some(sum.0))
+    }
+
+    /// Whether the pieces of two nearer faces overlap.
+    #[inline]
+    fn overlap(&mut self, order: &Faces, a: usize, b: usize) -> Result<bool, TooMany> {
+        if self.pieces[b].set_crossing(order.at(a).lines(), &mut self.sides).is_none() {
+            return Ok(false);
+        }
+        self.both.set(&self.pieces[a]);
+        Ok(cut(&mut self.both, order, b, &mut self.sides, &mut self.kept)? && self.both.area() >= NOTHING)
+    }
+}
+
+/// Makes a polygon what of it is inside of face k; false if that is nothing.
+#[inline]
+fn cut(
+    polygon: &mut Polygon,
+    order: &Faces,
+    k: usize,
+    sides: &mut [Sides; 3],
+    kept: &mut Polygon,
+) -> Result<bool, TooMany> {
+    let lines = order.at(k).lines();
+    match polygon.set_crossing(lines, sides) {
+        None => Ok(false),
+        Some(crossing) => polygon.keep_inside(lines, crossing, sides, kept).ok_or(TooMany),
+    }
+}
