@@ -6,7 +6,7 @@
 
 use super::ExactFace;
 use super::cells::TooMany;
-use super::polygon::{Polygon, Sides};
+use super::polygon::{Polygon, SQUARE, Sides};
 use super::prepare::{Faces, members};
 use super::regions::{NOTHING, Sum};
 use super::sheet::Sheets;
@@ -20,14 +20,14 @@ pub(super) struct Mosaic {
     /// The parts of the pixel that the nearer faces cover.
     pieces: [Polygon; NEARER_MAX],
     both: Polygon,
-    kept: Polygon,
+    room: Polygon,
     sides: [Sides; 3],
 }
 
 impl Default for Mosaic {
     fn default() -> Self {
-        let (both, kept) = (Polygon::EMPTY, Polygon::EMPTY);
-        Self { pieces: [Polygon::EMPTY; NEARER_MAX], both, kept, sides: Default::default() }
+        let (both, room) = (Polygon::EMPTY, Polygon::EMPTY);
+        Self { pieces: [Polygon::EMPTY; NEARER_MAX], both, room, sides: Default::default() }
     }
 }
 
@@ -53,8 +53,8 @@ impl Mosaic {
             return Ok(None);
         }
         for k in 0..nearer {
-            self.pieces[k].set_square();
-            if !cut(&mut self.pieces[k], order, k, &mut self.sides, &mut self.kept)? {
+            let lines = order.at(k).lines();
+            if !SQUARE.keep_inside(lines, &mut self.sides, &mut self.pieces[k], &mut self.room).ok_or(TooMany)? {
                 self.pieces[k] = Polygon::EMPTY;
             }
             for other in members(!sheets.neighbours[k] & ((1 << k) - 1)) {
@@ -75,12 +75,19 @@ impl Mosaic {
                 if left < NOTHING {
                     break;
                 }
-                self.both.set(&self.pieces[k]);
-                if cut(&mut self.both, order, behind, &mut self.sides, &mut self.kept)? {
-                    let hidden = self.both.area();
-                    left -= hidden;
-                    sum.add(faces[order.at(behind).face].rgb, -hidden * face.alpha);
-                }
+                // The sheet covers the pixel, so its last face is behind whatever is left.
+                let hidden = if sheet >> behind == 1 {
+                    left
+                } else {
+                    let lines = order.at(behind).lines();
+                    let piece = &self.pieces[k];
+                    if !piece.keep_inside(lines, &mut self.sides, &mut self.both, &mut self.room).ok_or(TooMany)? {
+                        continue;
+                    }
+                    self.both.area()
+                };
+                left -= hidden;
+                sum.add(faces[order.at(behind).face].rgb, -hidden * face.alpha);
             }
         }
         if sheet == 0 {
@@ -95,26 +102,11 @@ impl Mosaic {
     /// Whether the pieces of two nearer faces overlap.
     #[inline]
     fn overlap(&mut self, order: &Faces, a: usize, b: usize) -> Result<bool, TooMany> {
-        if self.pieces[b].set_crossing(order.at(a).lines(), &mut self.sides).is_none() {
+        let [a, b] = [a, b].map(|k| (&self.pieces[k], order.at(k).lines()));
+        if b.0.set_crossing(a.1, &mut self.sides).is_none() {
             return Ok(false);
         }
-        self.both.set(&self.pieces[a]);
-        Ok(cut(&mut self.both, order, b, &mut self.sides, &mut self.kept)? && self.both.area() >= NOTHING)
-    }
-}
-
-/// Makes a polygon what of it is inside of face k; false if that is nothing.
-#[inline]
-fn cut(
-    polygon: &mut Polygon,
-    order: &Faces,
-    k: usize,
-    sides: &mut [Sides; 3],
-    kept: &mut Polygon,
-) -> Result<bool, TooMany> {
-    let lines = order.at(k).lines();
-    match polygon.set_crossing(lines, sides) {
-        None => Ok(false),
-        Some(crossing) => polygon.keep_inside(lines, crossing, sides, kept).ok_or(TooMany),
+        let is_met = a.0.keep_inside(b.1, &mut self.sides, &mut self.both, &mut self.room).ok_or(TooMany)?;
+        Ok(is_met && self.both.area() >= NOTHING)
     }
 }

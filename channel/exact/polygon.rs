@@ -85,15 +85,16 @@ pub(super) struct Polygon {
     at: [[f64; 2]; CORNERS_MAX],
 }
 
+/// The whole pixel.
+pub(super) static SQUARE: Polygon = {
+    let mut square = Polygon::EMPTY;
+    square.count = 4;
+    (square.at[1], square.at[2], square.at[3]) = ([1.0, 0.0], [1.0, 1.0], [0.0, 1.0]);
+    square
+};
+
 impl Polygon {
     pub(super) const EMPTY: Self = Self { count: 0, at: [[0.0; 2]; CORNERS_MAX] };
-
-    /// The whole pixel.
-    #[inline]
-    pub(super) fn set_square(&mut self) {
-        self.count = 4;
-        self.at[..4].copy_from_slice(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
-    }
 
     /// Copies; of few corners, a fixed number of them, which needs no call.
     #[inline]
@@ -169,36 +170,41 @@ impl Polygon {
         Some(crossing)
     }
 
-    /// Makes it what of it is inside of lines of which those are `crossing`, and returns false if that is nothing. `None`
-    /// if it would need too many corners.
+    /// Makes `to` what of this polygon is inside of all lines, and returns false if that is nothing. `None` if it would need too many
+    /// corners. The sides and `room` are overwritten.
     #[inline]
     pub(super) fn keep_inside(
-        &mut self,
+        &self,
         lines: &[Line],
-        mut crossing: u32,
         sides: &mut [Sides; 3],
-        kept: &mut Self,
+        to: &mut Self,
+        room: &mut Self,
     ) -> Option<bool> {
-        let mut is_cut = false;
+        let Some(mut crossing) = self.set_crossing(lines, sides) else { return Some(false) };
+        if crossing == 0 {
+            to.set(self);
+            return Some(true);
+        }
+        if self.is_full() {
+            return None;
+        }
+        self.inner_run(&sides[crossing.trailing_zeros() as usize], to);
+        crossing &= crossing - 1;
         while crossing != 0 {
             let i = crossing.trailing_zeros() as usize;
             crossing &= crossing - 1;
             let sides = &mut sides[i];
-            if is_cut {
-                self.set_sides(&lines[i], sides);
-                if sides.inside == 0 {
-                    return Some(false);
-                }
-                if sides.outside == 0 {
-                    continue;
-                }
+            to.set_sides(&lines[i], sides);
+            if sides.inside == 0 {
+                return Some(false);
             }
-            if self.is_full() {
-                return None;
+            if sides.outside != 0 {
+                if to.is_full() {
+                    return None;
+                }
+                to.inner_run(sides, room);
+                to.set(room);
             }
-            self.inner_run(sides, kept);
-            self.set(kept);
-            is_cut = true;
         }
         Some(true)
     }

@@ -12,7 +12,7 @@
 
 use super::ExactFace;
 use super::cells::{Cells, TooMany};
-use super::polygon::{Polygon, Sides};
+use super::polygon::{Polygon, SQUARE, Sides};
 use super::prepare::Faces;
 use super::sheet::{SHEET_MAX, Sheets};
 
@@ -50,7 +50,7 @@ struct Scratch {
     inside: Polygon,
     /// Before the last cut.
     before: Polygon,
-    /// Of a part, what another face covers too, before and after a cut.
+    /// Of a part, what another face covers too, and room for cutting it.
     both: [Polygon; 2],
     sides: [Sides; 3],
 }
@@ -86,7 +86,7 @@ impl Regions {
     ) -> Result<[f64; 3], TooMany> {
         let mut sum = Sum::default();
         self.count = 0;
-        self.room()?.polygon.set_square();
+        self.room()?.polygon.set(&SQUARE);
         self.regions[0].transmitted = 1.0;
         self.count = 1;
         // What no opaque face was found for yet, pixels².
@@ -225,13 +225,8 @@ impl Scratch {
         {
             return true;
         }
-        let Some(crossing) = part.set_crossing(back.lines(), &mut self.sides) else { return true };
-        if is_in_front(part) {
-            return true;
-        }
-        let [both, kept] = &mut self.both;
-        both.set(part);
-        match both.keep_inside(back.lines(), crossing, &mut self.sides, kept) {
+        let [both, room] = &mut self.both;
+        match part.keep_inside(back.lines(), &mut self.sides, both, room) {
             None => return false,
             Some(false) => return true,
             Some(true) => {}

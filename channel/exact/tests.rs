@@ -1,7 +1,7 @@
 //! The exact pixel against dense points, closed forms, and its own ways against each other.
 
 use super::cells::Cells;
-use super::polygon::Polygon;
+use super::polygon::SQUARE;
 use super::prepare::Faces;
 use super::regions::{Regions, Sum};
 use super::sheet::Sheets;
@@ -84,9 +84,7 @@ fn by_cells(faces: &[ExactFace<'_>], background: [f64; 3]) -> [f64; 3] {
     let (mut order, mut cells, mut sum) = (Faces::default(), Cells::default(), Sum::default());
     order.set(faces);
     cells.clear();
-    let mut square = Polygon::EMPTY;
-    square.set_square();
-    cells.add(faces, &order, 0, &square, 1.0, background, &mut sum).unwrap();
+    cells.add(faces, &order, 0, &SQUARE, 1.0, background, &mut sum).unwrap();
     sum.0
 }
 
@@ -228,7 +226,7 @@ fn areas_of_a_triangulation_sum_to_one() {
 }
 
 #[test]
-fn the_three_ways_agree_on_meshes() {
+fn the_ways_agree_on_meshes() {
     let mut random = Random(0x3A75);
     let mut integrator = Integrator::default();
     for round in 0..300 {
@@ -246,6 +244,53 @@ fn the_three_ways_agree_on_meshes() {
     }
     let counts = integrator.counts();
     assert!(counts.sheets > 50 && counts.cells == 0 && counts.sampled == 0, "{counts:?}");
+}
+
+#[test]
+fn the_ways_agree_on_outlines() {
+    let mut random = Random(0x0071);
+    let mut integrator = Integrator::default();
+    for round in 0..400 {
+        // Part of a fan, side by side, before a mesh, a fan, one face, or the background.
+        let mut faces = fan(&mut random, 6, [0.4, 0.9, 3.0][round % 3]);
+        faces.truncate(1 + round / 4 % 5);
+        for face in &mut faces {
+            face.q0 += 1.0;
+            face.alpha = if random.below(3) == 0 { random.unit() } else { 1.0 };
+        }
+        let behind = match round % 4 {
+            0 => mesh(&mut random, 2),
+            1 => fan(&mut random, 5, 3.0),
+            2 => vec![cover(1.0, 1.0, grey(0.4))],
+            _ => vec![],
+        };
+        faces.extend(behind);
+        shuffle(&mut random, &mut faces);
+        let colour = integrator.integrate(&faces, grey(0.8));
+        assert_near(colour, by_regions(&faces, grey(0.8)), 1e-11);
+        assert_near(colour, by_cells(&faces, grey(0.8)), 1e-11);
+    }
+    let counts = integrator.counts();
+    assert!(counts.mosaics > 300 && counts.cells == 0 && counts.sampled == 0, "{counts:?}");
+}
+
+#[test]
+fn far_corners_cost_little() {
+    let mut random = Random(0xFA7);
+    for round in 0..400 {
+        let far = [1e3, 1e5, 1e7][round % 3];
+        let mut faces = any_faces(&mut random, 3, round % 2 == 0);
+        for order in 10..13 {
+            let corners = std::array::from_fn(|_| std::array::from_fn(|_| 0.5 + far * random.signed()));
+            let q = std::array::from_fn(|_| 1.0 + 0.5 * random.signed());
+            faces.push(face(corners, q, order, [1.0, 0.5][round / 2 % 2], std::array::from_fn(|_| random.unit())));
+        }
+        let colour = integrate(&faces, grey(0.8));
+        assert_near(colour, by_cells(&faces, grey(0.8)), 1e-8);
+        if round < 60 {
+            assert_near(colour, by_points(&faces, grey(0.8), 256), 4e-3);
+        }
+    }
 }
 
 #[test]
