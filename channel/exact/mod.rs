@@ -6,17 +6,17 @@
 //! colour is one per pixel, so the integral is a sum of visible areas times colours, and what remains is to find the areas. Four ways,
 //! each taken where the one before doesn't answer:
 //!
-//! 1. [`sheet`]: opaque faces that share all their edges within the pixel, as a mesh's do away from its outline. Their areas come
+//! 1. `sheet`: opaque faces that share all their edges within the pixel, as a mesh's do away from its outline. Their areas come
 //!    from the edges, without any cutting or order.
-//! 2. [`mosaic`]: faces side by side before a sheet or the background, as at a mesh's outline. Areas less the areas of overlaps.
-//! 3. [`regions`]: faces from front to back, each taking its part of what is left, translucent ones leaving a part. For
+//! 2. `mosaic`: faces side by side before a sheet or the background, as at a mesh's outline. Areas less the areas of overlaps.
+//! 3. `regions`: faces from front to back, each taking its part of what is left, translucent ones leaving a part. For
 //!    layers, and whatever else has one order.
-//! 4. [`cells`]: cut until everything has one order and one set of faces. For surfaces that interpenetrate or overlap in a circle, and for
+//! 4. `cells`: cut until everything has one order and one set of faces. For surfaces that interpenetrate or overlap in a circle, and for
 //!    merged models.
 //!
-//! A pixel with versions of models in transition is the weighted mean of pixels without ([`versions`]).
+//! A pixel with versions of models in transition is the weighted mean of pixels without (`versions`).
 //!
-//! A pixel that needs more than a named number of regions or cells is sampled instead ([`points`]), and counted.
+//! A pixel that needs more than a named number of regions or cells is sampled instead (`points`), and counted.
 //!
 //! The colour is a function of the set of faces and the background, to the bit: faces are sorted by what they are before
 //! anything is added, so the order in which they are handed over has no say.
@@ -168,15 +168,12 @@ impl Integrator {
         if self.faces.len() == 0 {
             return (background, Way::Empty);
         }
-        if self.faces.len() <= sheet::SHEET_MAX
-            && let Some(colour) = self.sheets.colour(faces, &self.faces)
-        {
+        if let Some(colour) = self.sheets.colour(faces, &self.faces) {
             return (colour, Way::Sheet);
         }
         self.faces.set_bounds(faces);
-        if self.faces.len() <= sheet::SHEET_MAX
-            && !self.faces.has_parts
-            && let Ok(Some(colour)) = self.mosaic.colour(faces, &self.faces, &self.sheets, background)
+        if !self.faces.has_parts
+            && let Ok(Some(colour)) = self.mosaic.colour(faces, &self.faces, &mut self.sheets, background)
         {
             return (colour, Way::Mosaic);
         }

@@ -1,13 +1,13 @@
 //! Faces side by side before a backdrop: an outline, mostly.
 //!
-//! Where the nearer faces don't overlap each other, and what is behind them is the background or one [`sheet`](super::sheet), nothing
+//! Where the nearer faces don't overlap each other, and what is behind them is the background or one [`super::sheet`], nothing
 //! has to be cut up: of each face of the sheet is seen its area less what the nearer faces take of it. Each of these areas is that
 //! of one triangle cut by another's lines.
 
 use super::ExactFace;
 use super::cells::TooMany;
 use super::polygon::{Polygon, SQUARE, Sides};
-use super::prepare::{Faces, members};
+use super::prepare::Faces;
 use super::regions::{NOTHING, Sum};
 use super::sheet::Sheets;
 
@@ -38,17 +38,18 @@ impl Mosaic {
         &mut self,
         faces: &[ExactFace<'_>],
         order: &Faces,
-        sheets: &Sheets,
+        sheets: &mut Sheets,
         background: [f64; 3],
     ) -> Result<Option<[f64; 3]>, TooMany> {
         let most = order.len().min(NEARER_MAX);
         // The first face was asked before.
-        let backdrop = (1..=most.min(order.len() - 1)).find_map(|k| Some((k, sheets.covering_from(faces, order, k)?)));
-        let (nearer, sheet) = match backdrop {
-            Some((k, sheet)) if sheet.trailing_zeros() as usize == k => (k, sheet),
-            None if order.len() <= most => (order.len(), 0),
+        let backdrop = (1..=most.min(order.len() - 1)).find(|k| sheets.covers_from(faces, order, *k));
+        let nearer = match backdrop {
+            Some(k) if sheets.found().all(|member| member >= k) => k,
+            None if order.len() <= most => order.len(),
             _ => return Ok(None),
         };
+        let last = backdrop.and_then(|_| sheets.found().next_back());
         if !(0..nearer).all(|k| order.is_in_front_of_all_after(k, nearer - 1)) {
             return Ok(None);
         }
@@ -57,8 +58,8 @@ impl Mosaic {
             if !SQUARE.keep_inside(lines, &mut self.sides, &mut self.pieces[k], &mut self.room).ok_or(TooMany)? {
                 self.pieces[k] = Polygon::EMPTY;
             }
-            for other in members(!sheets.neighbours[k] & ((1 << k) - 1)) {
-                if self.overlap(order, k, other)? {
+            for other in 0..k {
+                if !sheets.are_neighbours(k, other) && self.overlap(order, k, other)? {
                     return Ok(None);
                 }
             }
@@ -71,12 +72,13 @@ impl Mosaic {
             sum.add(face.rgb, area * face.alpha);
             open -= area * face.alpha;
             let mut left = area;
-            for behind in members(sheet) {
+            let Some(last) = last else { continue };
+            for behind in sheets.found() {
                 if left < NOTHING {
                     break;
                 }
                 // The sheet covers the pixel, so its last face is behind whatever is left.
-                let hidden = if sheet >> behind == 1 {
+                let hidden = if behind == last {
                     left
                 } else {
                     let lines = order.at(behind).lines();
@@ -90,11 +92,12 @@ impl Mosaic {
                 sum.add(faces[order.at(behind).face].rgb, -hidden * face.alpha);
             }
         }
-        if sheet == 0 {
+        if last.is_none() {
             sum.add(background, open);
+            return Ok(Some(sum.0));
         }
-        for behind in members(sheet) {
-            sum.add(faces[order.at(behind).face].rgb, sheets.areas[behind]);
+        for behind in sheets.found() {
+            sum.add(faces[order.at(behind).face].rgb, sheets.area(behind));
         }
         Ok(Some(sum.0))
     }

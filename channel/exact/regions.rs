@@ -14,7 +14,7 @@ use super::ExactFace;
 use super::cells::{Cells, TooMany};
 use super::polygon::{Polygon, SQUARE, Sides};
 use super::prepare::Faces;
-use super::sheet::{SHEET_MAX, Sheets};
+use super::sheet::Sheets;
 
 /// Most regions of a pixel. A guess: far beyond what was seen in meshes, and still below a millisecond.
 pub const REGIONS_MAX: usize = 512;
@@ -75,7 +75,7 @@ impl Sum {
 }
 
 impl Regions {
-    /// The pixel's colour. `neighbours` are known if there are no more than [`SHEET_MAX`] faces.
+    /// The pixel's colour. The shared edges and the bounds are known.
     pub(super) fn colour(
         &mut self,
         faces: &[ExactFace<'_>],
@@ -220,9 +220,7 @@ impl Scratch {
         let difference = front.in_front_of(back);
         let is_in_front =
             |part: &Polygon| part.corners().iter().all(|corner| difference.at(*corner) >= -difference.slack);
-        if difference.over_square()[0] >= -difference.slack
-            || (order.len() <= SHEET_MAX && sheets.neighbours[k] >> other & 1 != 0)
-        {
+        if difference.over_square()[0] >= -difference.slack || sheets.are_neighbours(k, other) {
             return true;
         }
         let [both, room] = &mut self.both;

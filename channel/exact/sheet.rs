@@ -10,10 +10,7 @@
 
 use super::ExactFace;
 use super::polygon::{larger, lesser};
-use super::prepare::{Edge, Faces, is_downward, members};
-
-/// More faces than this aren't tried: they are a bit each in a word.
-pub(super) const SHEET_MAX: usize = 64;
+use super::prepare::{Edge, Faces, is_downward};
 
 /// A sum of areas this near to 1 is 1. Others are whole numbers, but for rounding, which is below 1e-8 for corners at 1e7 pixels.
 const WHOLE: f64 = 1e-6;
@@ -21,43 +18,79 @@ const WHOLE: f64 = 1e-6;
 /// Segments that descend less than this in the pixel have nothing to their right, pixels. Their slope could overflow.
 const LEVEL: f64 = 1e-15;
 
+/// No index.
+const NONE: u32 = u32::MAX;
+
+/// Chains of edges; enough for one edge a chain in an ordinary pixel.
+const CHAINS: usize = 64;
+
 /// A face's edge that goes through the pixel, from its upper end to its lower one.
 #[derive(Clone, Copy, Debug)]
 struct Half {
     upper: [f64; 2],
     lower: [f64; 2],
-    face: usize,
+    face: u32,
+    /// Which of the face's edges.
+    edge: u8,
     /// The face has it running downwards, on its right.
     is_downward: bool,
+    /// No other face was found for it yet.
+    is_single: bool,
+    /// The next one of its chain.
+    next: u32,
+}
+
+impl Half {
+    /// The chain that it is in, and its twin.
+    #[inline]
+    fn chain(&self) -> usize {
+        let [a, b, c] = [self.upper[0], self.upper[1], self.lower[0]].map(f64::to_bits);
+        let mixed = (a ^ b.rotate_left(21) ^ c.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        (mixed >> 58) as usize
+    }
+}
+
+/// What edges say about a face.
+#[derive(Clone, Copy, Debug)]
+struct Member {
+    /// By edge, the face that shares it.
+    neighbours: [u32; 3],
+    /// It has an edge through the pixel that no other face shares.
+    is_open: bool,
+    /// Its area in the pixel, pixels²; if it is open, not all of it.
+    area: f64,
+    /// The last sheet that it was found to be in, by its first face.
+    sheet: u32,
 }
 
 /// Which faces share edges in the pixel.
 #[derive(Debug)]
 pub(super) struct Sheets {
-    /// Edges that no other face was found for yet.
-    single: Vec<Half>,
-    /// Bit j of entry i: faces i and j, in the order, share an edge, so they don't overlap.
-    pub(super) neighbours: [u64; SHEET_MAX],
-    /// The faces that have edges through the pixel that aren't shared.
-    open: u64,
-    /// Areas in the pixel, pixels²; of faces with edges that aren't shared, not all of it.
-    pub(super) areas: [f64; SHEET_MAX],
+    /// By the faces' order.
+    members: Vec<Member>,
+    halves: Vec<Half>,
+    /// The first edge of each chain.
+    heads: [u32; CHAINS],
+    /// The faces of the sheet that was found last, in an order that the faces decide.
+    found: Vec<u32>,
 }
 
 impl Default for Sheets {
     fn default() -> Self {
-        Self { single: Vec::new(), neighbours: [0; SHEET_MAX], open: 0, areas: [0.0; SHEET_MAX] }
+        Self { members: Vec::new(), halves: Vec::new(), heads: [NONE; CHAINS], found: Vec::new() }
     }
 }
 
 impl Sheets {
-    /// Finds the shared edges of up to [`SHEET_MAX`] faces.
+    /// Finds the shared edges.
     fn set(&mut self, faces: &[ExactFace<'_>], order: &Faces) {
-        self.single.clear();
+        self.halves.clear();
+        self.heads = [NONE; CHAINS];
+        self.members.clear();
         for k in 0..order.len() {
-            self.neighbours[k] = 0;
             let prepared = order.at(k);
             let face = &faces[prepared.face];
+            self.members.push(Member { neighbours: [NONE; 3], is_open: false, area: 0.0, sheet: NONE });
             let mut area = 0.0;
             for (i, edge) in prepared.edges.iter().enumerate() {
                 let next = if i == 2 { 0 } else { i + 1 };
@@ -70,83 +103,119 @@ impl Sheets {
                     Edge::Through => {
                         let is_downward = is_downward(from, to);
                         let (upper, lower) = if is_downward { (from, to) } else { (to, from) };
-                        self.pair(Half { upper, lower, face: k, is_downward }, &mut area);
+                        let (face, edge) = (k as u32, i as u8);
+                        let half = Half { upper, lower, face, edge, is_downward, is_single: true, next: NONE };
+                        area += self.pair(half);
                     }
                 }
             }
-            self.areas[k] = area;
+            self.members[k].area += area;
         }
-        self.open = self.single.iter().fold(0, |set, half| set | 1 << half.face);
+        for half in self.halves.iter().filter(|half| half.is_single) {
+            self.members[half.face as usize].is_open = true;
+        }
     }
 
-    /// Pairs an edge with the same edge of an earlier face, running the other way.
+    /// Pairs an edge with the same edge of an earlier face, running the other way, and returns what it adds to its face's area.
     #[inline]
-    fn pair(&mut self, half: Half, area: &mut f64) {
-        let is_twin = |other: &Half| {
-            (other.upper[0] == half.upper[0])
+    fn pair(&mut self, half: Half) -> f64 {
+        let chain = half.chain();
+        let mut at = self.heads[chain];
+        while let Some(other) = self.halves.get_mut(at as usize) {
+            let is_same = (other.upper[0] == half.upper[0])
                 & (other.upper[1] == half.upper[1])
                 & (other.lower[0] == half.lower[0])
-                & (other.lower[1] == half.lower[1])
-                & (other.is_downward != half.is_downward)
-        };
-        let Some(at) = self.single.iter().position(is_twin) else {
-            self.single.push(half);
-            return;
-        };
-        let twin = self.single.swap_remove(at);
-        self.neighbours[half.face] |= 1 << twin.face;
-        self.neighbours[twin.face] |= 1 << half.face;
-        let share = right_of(half.upper, half.lower);
-        let share = if half.is_downward { -share } else { share };
-        *area += share;
-        self.areas[twin.face] -= share;
+                & (other.lower[1] == half.lower[1]);
+            if is_same & other.is_single & (other.is_downward != half.is_downward) {
+                other.is_single = false;
+                let share = right_of(half.upper, half.lower);
+                let share = if half.is_downward { -share } else { share };
+                let twin = &mut self.members[other.face as usize];
+                twin.neighbours[usize::from(other.edge)] = half.face;
+                twin.area -= share;
+                let face = other.face;
+                self.members[half.face as usize].neighbours[usize::from(half.edge)] = face;
+                return share;
+            }
+            at = other.next;
+        }
+        let next = std::mem::replace(&mut self.heads[chain], self.halves.len() as u32);
+        self.halves.push(Half { next, ..half });
+        0.0
     }
 
-    /// The faces that are connected with face `first` through shared edges, if they are opaque, cover the pixel without
-    /// overlap, and hide all other faces from `first` on in the order. There are up to [`SHEET_MAX`] faces.
+    /// Whether two faces, by their places in the order, share an edge: then they don't overlap.
     #[inline]
-    pub(super) fn covering_from(&self, faces: &[ExactFace<'_>], order: &Faces, first: usize) -> Option<u64> {
-        let mut sheet = 1 << first;
-        let mut fresh: u64 = sheet;
-        while fresh != 0 {
-            let k = fresh.trailing_zeros() as usize;
-            if self.open >> k & 1 != 0 || !order.at(k).is_opaque {
-                return None;
-            }
-            let found = self.neighbours[k] & !sheet;
-            sheet |= found;
-            fresh = fresh & (fresh - 1) | found;
-        }
-        let total: f64 = members(sheet).map(|k| self.areas[k]).sum();
-        if (total - 1.0).abs() > WHOLE {
-            return None;
-        }
-        let others = u64::MAX >> (SHEET_MAX - order.len()) & u64::MAX << first & !sheet;
-        if others != 0 {
-            let bounds = |k: usize| order.at(k).bounds(&faces[order.at(k).face]);
-            let farthest = members(sheet).map(|k| bounds(k)[0]).fold(f64::INFINITY, lesser);
-            // Where they are equally near, only what follows all of the sheet in the order is behind.
-            let last = sheet.ilog2() as usize;
-            let is_behind = |k: usize| bounds(k)[1] < farthest || (k > last && bounds(k)[1] == farthest);
-            if !members(others).all(is_behind) {
-                return None;
-            }
-        }
-        Some(sheet)
+    pub(super) fn are_neighbours(&self, a: usize, b: usize) -> bool {
+        self.members[a].neighbours.contains(&(b as u32))
     }
 
-    /// The pixel's colour if the nearest of up to [`SHEET_MAX`] faces belongs to a sheet that hides all others.
-    ///
-    /// The neighbours are known afterwards, whether it does or not.
+    /// The area in the pixel of a face of a sheet.
+    #[inline]
+    pub(super) fn area(&self, k: usize) -> f64 {
+        self.members[k].area
+    }
+
+    /// The faces that [`Self::covers_from`] found.
+    #[inline]
+    pub(super) fn found(&self) -> impl DoubleEndedIterator<Item = usize> {
+        self.found.iter().map(|k| *k as usize)
+    }
+
+    /// Whether the faces that are connected with face `first` through shared edges are opaque, cover the pixel without overlap,
+    /// and hide all other faces from `first` on in the order.
+    #[inline]
+    pub(super) fn covers_from(&mut self, faces: &[ExactFace<'_>], order: &Faces, first: usize) -> bool {
+        let sheet = first as u32;
+        self.found.clear();
+        self.found.push(sheet);
+        self.members[first].sheet = sheet;
+        let (mut total, mut last) = (0.0, first);
+        let mut next = 0;
+        while let Some(k) = self.found.get(next) {
+            let k = *k as usize;
+            let member = self.members[k];
+            if member.is_open || !order.at(k).is_opaque {
+                return false;
+            }
+            total += member.area;
+            last = last.max(k);
+            for neighbour in member.neighbours {
+                if let Some(member) = self.members.get_mut(neighbour as usize)
+                    && member.sheet != sheet
+                {
+                    member.sheet = sheet;
+                    self.found.push(neighbour);
+                }
+            }
+            next += 1;
+        }
+        if (total - 1.0).abs() > WHOLE {
+            return false;
+        }
+        if self.found.len() == order.len() {
+            return true;
+        }
+        let bounds = |k: usize| order.at(k).bounds(&faces[order.at(k).face]);
+        let farthest = self.found().map(|k| bounds(k)[0]).fold(f64::INFINITY, lesser);
+        // Where they are equally near, only what follows all of the sheet in the order is behind.
+        let is_behind = |k: usize| bounds(k)[1] < farthest || (k > last && bounds(k)[1] == farthest);
+        (first..order.len()).all(|k| self.members[k].sheet == sheet || is_behind(k))
+    }
+
+    /// The pixel's colour if the nearest face belongs to a sheet that hides all others. The shared edges are known afterwards, whether it
+    /// does or not.
     #[inline]
     pub(super) fn colour(&mut self, faces: &[ExactFace<'_>], order: &Faces) -> Option<[f64; 3]> {
-        debug_assert!((1..=SHEET_MAX).contains(&order.len()), "{} faces", order.len());
         self.set(faces, order);
-        let sheet = self.covering_from(faces, order, 0)?;
+        if !self.covers_from(faces, order, 0) {
+            return None;
+        }
         let mut colour = [0.0; 3];
-        for k in members(sheet) {
+        for k in self.found() {
+            let area = self.area(k);
             for (sum, c) in colour.iter_mut().zip(faces[order.at(k).face].rgb) {
-                *sum += self.areas[k] * c;
+                *sum += area * c;
             }
         }
         Some(colour)

@@ -309,6 +309,40 @@ fn anything_is_as_dense_points_see_it() {
     assert!(counts.cells > 10 && counts.regions > 10 && counts.sampled == 0, "{counts:?}");
 }
 
+/// Corners on the pixel's border, edges on edges, needles, equal and level planes.
+#[test]
+fn the_unlucky_agree_too() {
+    let mut random = Random(0x6E1D);
+    let mut integrator = Integrator::default();
+    for round in 0..6000 {
+        let steps = [2.0, 4.0, 8.0, 65536.0][random.below(4) as usize];
+        let spread = [1.0, 2.0, 6.0][random.below(3) as usize];
+        let is_opaque = random.below(2) == 0;
+        let faces: Vec<_> = (0..1 + random.below(9))
+            .map(|order| {
+                let corners = std::array::from_fn(|_| {
+                    std::array::from_fn(|_| ((0.5 + spread * random.signed()) * steps).round() / steps)
+                });
+                let q = match random.below(3) {
+                    0 => [1.0; 3],
+                    1 => std::array::from_fn(|_| 1.0 + (random.signed() * 2.0).round() / 8.0),
+                    _ => std::array::from_fn(|_| 1.0 + 0.2 * random.signed()),
+                };
+                let alpha = if is_opaque { 1.0 } else { [1.0, 0.5][random.below(2) as usize] };
+                let made = face(corners, q, order, alpha, std::array::from_fn(|_| random.unit()));
+                if q == [1.0; 3] { ExactFace { q0: 1.0, qx: 0.0, qy: 0.0, ..made } } else { made }
+            })
+            .collect();
+        let colour = integrator.integrate(&faces, grey(0.8));
+        let cells = by_cells(&faces, grey(0.8));
+        assert!(difference(colour, cells) < 1e-9, "round {round}: {colour:?} {cells:?} {faces:#?}");
+        if round % 16 == 0 {
+            assert_near(colour, by_points(&faces, grey(0.8), 64), 4e-2);
+        }
+    }
+    assert_eq!(integrator.counts().sampled, 0);
+}
+
 #[test]
 fn the_order_of_the_list_has_no_say() {
     let mut random = Random(0x0DE5);
@@ -608,7 +642,7 @@ fn nanoseconds_per_pixel() {
         first.chain(second.into_iter().map(|f| of_model(f, 1, 1, &weights, false))).collect()
     };
     type Make<'a> = &'a dyn Fn(&mut Random) -> Vec<ExactFace<'a>>;
-    let cases: [(&str, Make<'_>); 11] = [
+    let cases: [(&str, Make<'_>); 14] = [
         ("1 face, no edge", &|_| vec![cover(1.0, 1.0, grey(0.5))]),
         ("2 faces, 1 edge", &two),
         ("outline: 1 face before 2", &outline),
@@ -616,6 +650,13 @@ fn nanoseconds_per_pixel() {
         ("outline: 3 of a fan before a fan of 5", &fan_before_fan),
         ("fan of 6", &|random| fan(random, 6, 3.0)),
         ("fan of 6, and all round it", &|random| fan(random, 6, 0.9)),
+        ("a mesh, some 30 faces in the pixel", &|random| mesh(random, 6)),
+        ("a mesh, some 140 faces in the pixel", &|random| mesh(random, 15)),
+        ("such a mesh without one face", &|random| {
+            let mut faces = mesh(random, 15);
+            faces.remove(15 * 15);
+            faces
+        }),
         ("2 faces through 2 others", &crossing),
         ("a fan of 4 in transition to another", &transition),
         ("12 whole translucent layers", &whole_layers),
