@@ -105,6 +105,9 @@ impl Mosaic {
     /// Whether the pieces of two nearer faces overlap.
     #[inline]
     fn overlap(&mut self, order: &Faces, a: usize, b: usize) -> Result<bool, TooMany> {
+        if order.at(a).around.are_apart(&order.at(b).around) {
+            return Ok(false);
+        }
         let [a, b] = [a, b].map(|k| (&self.pieces[k], order.at(k).lines()));
         if b.0.set_crossing(a.1, &mut self.sides).is_none() {
             return Ok(false);

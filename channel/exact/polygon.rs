@@ -54,6 +54,39 @@ pub(super) fn larger(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
+/// A rectangle along the axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    least: [f64; 2],
+    most: [f64; 2],
+}
+
+impl Bounds {
+    pub(super) const SQUARE: Self = Self { least: [0.0; 2], most: [1.0; 2] };
+
+    /// Of corners, at least one.
+    #[inline]
+    pub(super) fn of(corners: &[[f64; 2]]) -> Self {
+        let mut bounds = Self { least: corners[0], most: corners[0] };
+        for corner in &corners[1..] {
+            for axis in 0..2 {
+                bounds.least[axis] = lesser(bounds.least[axis], corner[axis]);
+                bounds.most[axis] = larger(bounds.most[axis], corner[axis]);
+            }
+        }
+        bounds
+    }
+
+    /// Whether two have no area in common.
+    #[inline]
+    pub(super) fn are_apart(&self, other: &Self) -> bool {
+        (self.most[0] <= other.least[0])
+            | (other.most[0] <= self.least[0])
+            | (self.most[1] <= other.least[1])
+            | (other.most[1] <= self.least[1])
+    }
+}
+
 /// On which side of a line each corner is. A buffer: clearing all values for each line took longer than computing them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sides {

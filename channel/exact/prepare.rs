@@ -1,13 +1,16 @@
 //! A pixel's faces made ready: which of them reach it, by which of their edges it is cut, and in which order they stand.
 
 use super::ExactFace;
-use super::polygon::{Line, larger, lesser};
+use super::polygon::{Bounds, Line, larger, lesser};
 use super::versions::Versions;
 use std::cmp::Ordering;
 
 /// Bound on the rounding of a comparison of two inverse distances, relative to the sum of the magnitudes of their terms: a few
 /// operations, each wrong by 2⁻⁵³ at most.
 const ROUNDING: f64 = 1.0 / (1u64 << 48) as f64;
+
+/// Up to this many faces are sorted as they come, which for few is faster. A guess.
+const INSERTED_MAX: usize = 20;
 
 /// How one edge of a face lies with respect to the pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,6 +32,8 @@ pub(super) struct Prepared {
     pub(super) edges: [Edge; 3],
     lines: [Line; 3],
     line_count: usize,
+    /// Of its corners.
+    pub(super) around: Bounds,
     /// Inverse distance at the pixel's upper left, and its change per pixel.
     pub(super) q: [f64; 3],
     /// Sum of the magnitudes of its terms.
@@ -45,8 +50,8 @@ impl Prepared {
     fn new(number: usize, face: &ExactFace<'_>, is_part: bool) -> Option<Self> {
         let ([x0, x1, x2], [y0, y1, y2]) = (face.x, face.y);
         let area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0);
-        let is_apart = |a: f64, b: f64, c: f64| larger(larger(a, b), c) <= 0.0 || lesser(lesser(a, b), c) >= 1.0;
-        if !(area > 0.0 && area.is_finite() && face.alpha > 0.0) || is_apart(x0, x1, x2) || is_apart(y0, y1, y2) {
+        let around = Bounds::of(&[[x0, y0], [x1, y1], [x2, y2]]);
+        if !(area > 0.0 && area.is_finite() && face.alpha > 0.0) || around.are_apart(&Bounds::SQUARE) {
             return None;
         }
         let mut edges = [Edge::Aside; 3];
@@ -75,7 +80,7 @@ impl Prepared {
         let q = [face.q0, face.qx, face.qy];
         let terms = q[0].abs() + q[1].abs() + q[2].abs();
         let is_opaque = face.alpha == 1.0 && !is_part;
-        Some(Self { face: number, edges, lines, line_count, q, terms, is_opaque, is_part })
+        Some(Self { face: number, edges, lines, line_count, around, q, terms, is_opaque, is_part })
     }
 
     /// The edges' lines that go through the pixel: within it, the face is what is inside of all of them.
@@ -140,6 +145,7 @@ impl Faces {
         for (number, face) in faces.iter().enumerate() {
             self.add(faces, number, face.part.is_some());
         }
+        self.sort(faces);
     }
 
     /// Of those faces that a choice of versions shows, as if they belonged to no model.
@@ -150,6 +156,7 @@ impl Faces {
                 self.add(faces, number, false);
             }
         }
+        self.sort(faces);
     }
 
     fn clear(&mut self) {
@@ -165,9 +172,11 @@ impl Faces {
         self.has_parts |= is_part;
         let place = Place { q: prepared.q_at([0.5; 2]), order: face.order, index: self.prepared.len() };
         self.prepared.push(prepared);
-        // Faces are few and mostly come nearly sorted.
         let mut k = self.places.len();
         self.places.push(place);
+        if k >= INSERTED_MAX {
+            return;
+        }
         while k > 0 && self.is_before(faces, &place, &self.places[k - 1]) {
             self.places[k] = self.places[k - 1];
             k -= 1;
@@ -175,11 +184,29 @@ impl Faces {
         self.places[k] = place;
     }
 
+    /// Sorts what was too much for inserting.
+    fn sort(&mut self, faces: &[ExactFace<'_>]) {
+        if self.places.len() > INSERTED_MAX {
+            let mut places = std::mem::take(&mut self.places);
+            places.sort_unstable_by(|a, b| {
+                if self.is_before(faces, a, b) {
+                    Ordering::Less
+                } else if self.is_before(faces, b, a) {
+                    Ordering::Greater
+                } else {
+                    Ordering::Equal
+                }
+            });
+            self.places = places;
+        }
+    }
+
     /// A total order of what the faces are. Only pieces of one face have all but their corners in common.
     #[inline]
     fn is_before(&self, faces: &[ExactFace<'_>], a: &Place, b: &Place) -> bool {
-        if a.q != b.q {
-            return a.q > b.q;
+        let by_q = b.q.total_cmp(&a.q);
+        if by_q.is_ne() {
+            return by_q.is_lt();
         }
         if a.order != b.order {
             return a.order > b.order;

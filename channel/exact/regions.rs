@@ -12,7 +12,7 @@
 
 use super::ExactFace;
 use super::cells::{Cells, TooMany};
-use super::polygon::{Polygon, SQUARE, Sides};
+use super::polygon::{Bounds, Polygon, SQUARE, Sides};
 use super::prepare::Faces;
 use super::sheet::Sheets;
 
@@ -26,12 +26,13 @@ pub(super) const NOTHING: f64 = 1e-12;
 #[derive(Clone, Copy, Debug)]
 struct Region {
     polygon: Polygon,
+    around: Bounds,
     /// What the faces so far let through of what is behind them.
     transmitted: f64,
 }
 
 impl Region {
-    const EMPTY: Self = Self { polygon: Polygon::EMPTY, transmitted: 0.0 };
+    const EMPTY: Self = Self { polygon: Polygon::EMPTY, around: Bounds::SQUARE, transmitted: 0.0 };
 }
 
 /// What is left of the pixel.
@@ -86,8 +87,9 @@ impl Regions {
     ) -> Result<[f64; 3], TooMany> {
         let mut sum = Sum::default();
         self.count = 0;
-        self.room()?.polygon.set(&SQUARE);
-        self.regions[0].transmitted = 1.0;
+        let all = self.room()?;
+        all.polygon.set(&SQUARE);
+        (all.around, all.transmitted) = (Bounds::SQUARE, 1.0);
         self.count = 1;
         // What no opaque face was found for yet, pixels².
         let mut open = 1.0;
@@ -125,7 +127,7 @@ impl Regions {
         let face = &faces[prepared.face];
         // Backwards, because what is done with is replaced by the last, and what is new is not for this face.
         for r in (0..self.count).rev() {
-            if !self.cut_out(order, k, r)? {
+            if self.regions[r].around.are_apart(&prepared.around) || !self.cut_out(order, k, r)? {
                 continue;
             }
             let area = self.scratch.inside.area();
@@ -140,6 +142,7 @@ impl Regions {
             if is_in_order && face.alpha < 1.0 {
                 let region = &mut self.regions[r];
                 region.polygon.set(&self.scratch.inside);
+                region.around = Bounds::of(region.polygon.corners());
                 region.transmitted = transmitted * (1.0 - face.alpha);
             } else {
                 closed += area;
@@ -147,7 +150,7 @@ impl Regions {
                 let (kept, last) = self.regions.split_at_mut(self.count);
                 if let (Some(kept), Some(last)) = (kept.get_mut(r), last.first()) {
                     kept.polygon.set(&last.polygon);
-                    kept.transmitted = last.transmitted;
+                    (kept.around, kept.transmitted) = (last.around, last.transmitted);
                 }
             }
         }
@@ -175,7 +178,9 @@ impl Regions {
                 inside.set_sides(&lines[i], sides);
                 if sides.inside == 0 {
                     // Each edge crosses the region, but what the others left of it is outside of this one.
-                    self.regions[r].polygon.set(inside);
+                    let region = &mut self.regions[r];
+                    region.polygon.set(inside);
+                    region.around = Bounds::of(inside.corners());
                     return Ok(false);
                 }
                 if sides.outside == 0 {
@@ -188,6 +193,7 @@ impl Regions {
             }
             let outside = room(&mut self.regions, self.count)?;
             before.cut(sides, inside, &mut outside.polygon);
+            outside.around = Bounds::of(outside.polygon.corners());
             outside.transmitted = transmitted;
             self.count += 1;
             is_cut = true;
@@ -217,6 +223,9 @@ impl Scratch {
     fn is_behind(&mut self, order: &Faces, sheets: &Sheets, k: usize, other: usize) -> bool {
         let part = &self.inside;
         let (front, back) = (order.at(k), order.at(other));
+        if front.around.are_apart(&back.around) {
+            return true;
+        }
         let difference = front.in_front_of(back);
         let is_in_front =
             |part: &Polygon| part.corners().iter().all(|corner| difference.at(*corner) >= -difference.slack);

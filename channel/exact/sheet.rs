@@ -22,7 +22,7 @@ const LEVEL: f64 = 1e-15;
 const NONE: u32 = u32::MAX;
 
 /// Chains of edges; enough for one edge a chain in an ordinary pixel.
-const CHAINS: usize = 64;
+const CHAINS: usize = 32;
 
 /// A face's edge that goes through the pixel, from its upper end to its lower one.
 #[derive(Clone, Copy, Debug)]
@@ -46,7 +46,7 @@ impl Half {
     fn chain(&self) -> usize {
         let [a, b, c] = [self.upper[0], self.upper[1], self.lower[0]].map(f64::to_bits);
         let mixed = (a ^ b.rotate_left(21) ^ c.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        (mixed >> 58) as usize
+        (mixed >> 59) as usize
     }
 }
 
