@@ -55,7 +55,7 @@ pub(super) fn larger(a: f64, b: f64) -> f64 {
 }
 
 /// A rectangle along the axes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Bounds {
     least: [f64; 2],
     most: [f64; 2],
@@ -64,15 +64,21 @@ pub(super) struct Bounds {
 impl Bounds {
     pub(super) const SQUARE: Self = Self { least: [0.0; 2], most: [1.0; 2] };
 
+    #[inline]
+    pub(super) fn of_triangle([x0, x1, x2]: [f64; 3], [y0, y1, y2]: [f64; 3]) -> Self {
+        Self {
+            least: [lesser(lesser(x0, x1), x2), lesser(lesser(y0, y1), y2)],
+            most: [larger(larger(x0, x1), x2), larger(larger(y0, y1), y2)],
+        }
+    }
+
     /// Of corners, at least one.
     #[inline]
     pub(super) fn of(corners: &[[f64; 2]]) -> Self {
         let mut bounds = Self { least: corners[0], most: corners[0] };
-        for corner in &corners[1..] {
-            for axis in 0..2 {
-                bounds.least[axis] = lesser(bounds.least[axis], corner[axis]);
-                bounds.most[axis] = larger(bounds.most[axis], corner[axis]);
-            }
+        for [x, y] in &corners[1..] {
+            bounds.least = [lesser(bounds.least[0], *x), lesser(bounds.least[1], *y)];
+            bounds.most = [larger(bounds.most[0], *x), larger(bounds.most[1], *y)];
         }
         bounds
     }

@@ -25,7 +25,7 @@ pub(super) enum Edge {
 }
 
 /// A face that reaches the pixel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Prepared {
     /// Index into what was handed over.
     pub(super) face: usize,
@@ -45,19 +45,19 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
-    /// `None` if the face covers nothing of the pixel, or isn't a face at all: without area, or not of finite numbers.
+    /// Becomes a face, in its place, because moving it there takes as long as making it. Returns false, and is nothing in particular,
+    /// if the face covers nothing of the pixel, or isn't a face at all: without area, or not of finite numbers.
     #[inline]
-    fn new(number: usize, face: &ExactFace<'_>, is_part: bool) -> Option<Self> {
+    fn set(&mut self, number: usize, face: &ExactFace<'_>, is_part: bool) -> bool {
         let ([x0, x1, x2], [y0, y1, y2]) = (face.x, face.y);
         let area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0);
-        let around = Bounds::of(&[[x0, y0], [x1, y1], [x2, y2]]);
+        let around = Bounds::of_triangle(face.x, face.y);
         if !(area > 0.0 && area.is_finite() && face.alpha > 0.0) || around.are_apart(&Bounds::SQUARE) {
-            return None;
+            return false;
         }
-        let mut edges = [Edge::Aside; 3];
-        let mut lines = [Line::default(); 3];
-        let mut line_count = 0;
-        for (k, edge) in edges.iter_mut().enumerate() {
+        self.edges = [Edge::Aside; 3];
+        self.line_count = 0;
+        for k in 0..3 {
             let next = if k == 2 { 0 } else { k + 1 };
             let (from, to) = ([face.x[k], face.y[k]], [face.x[next], face.y[next]]);
             let (a, b) = (from[1] - to[1], to[0] - from[0]);
@@ -67,20 +67,23 @@ impl Prepared {
             let line = Line::new(a, b, -(a * x + b * y));
             let [low, high] = line.over_square();
             if high <= line.slack {
-                return None;
+                return false;
             }
             if low < -line.slack {
-                lines[line_count] = line;
-                line_count += 1;
+                self.lines[self.line_count] = line;
+                self.line_count += 1;
                 let is_beyond = |a: f64, b: f64| larger(a, b) <= 0.0 || lesser(a, b) >= 1.0;
                 let is_beyond = is_beyond(from[0], to[0]) || is_beyond(from[1], to[1]);
-                *edge = if is_beyond { Edge::Beyond } else { Edge::Through };
+                self.edges[k] = if is_beyond { Edge::Beyond } else { Edge::Through };
             }
         }
-        let q = [face.q0, face.qx, face.qy];
-        let terms = q[0].abs() + q[1].abs() + q[2].abs();
-        let is_opaque = face.alpha == 1.0 && !is_part;
-        Some(Self { face: number, edges, lines, line_count, around, q, terms, is_opaque, is_part })
+        self.face = number;
+        self.around = around;
+        self.q = [face.q0, face.qx, face.qy];
+        self.terms = face.q0.abs() + face.qx.abs() + face.qy.abs();
+        self.is_opaque = face.alpha == 1.0 && !is_part;
+        self.is_part = is_part;
+        true
     }
 
     /// The edges' lines that go through the pixel: within it, the face is what is inside of all of them.
@@ -131,7 +134,9 @@ struct Place {
 /// The faces that reach the pixel, nearest at its centre first.
 #[derive(Debug, Default)]
 pub(super) struct Faces {
+    /// The first `count` are faces, the others are room.
     prepared: Vec<Prepared>,
+    count: usize,
     places: Vec<Place>,
     pub(super) has_parts: bool,
     /// By the order: the least inverse distance of a face, and the largest of those that follow it.
@@ -160,7 +165,7 @@ impl Faces {
     }
 
     fn clear(&mut self) {
-        self.prepared.clear();
+        self.count = 0;
         self.places.clear();
         self.has_parts = false;
     }
@@ -168,10 +173,16 @@ impl Faces {
     #[inline]
     fn add(&mut self, faces: &[ExactFace<'_>], number: usize, is_part: bool) {
         let face = &faces[number];
-        let Some(prepared) = Prepared::new(number, face, is_part) else { return };
+        if self.count == self.prepared.len() {
+            self.prepared.push(Prepared::default());
+        }
+        let prepared = &mut self.prepared[self.count];
+        if !prepared.set(number, face, is_part) {
+            return;
+        }
         self.has_parts |= is_part;
-        let place = Place { q: prepared.q_at([0.5; 2]), order: face.order, index: self.prepared.len() };
-        self.prepared.push(prepared);
+        let place = Place { q: prepared.q_at([0.5; 2]), order: face.order, index: self.count };
+        self.count += 1;
         let mut k = self.places.len();
         self.places.push(place);
         if k >= INSERTED_MAX {
@@ -189,13 +200,12 @@ impl Faces {
         if self.places.len() > INSERTED_MAX {
             let mut places = std::mem::take(&mut self.places);
             places.sort_unstable_by(|a, b| {
-                if self.is_before(faces, a, b) {
-                    Ordering::Less
-                } else if self.is_before(faces, b, a) {
-                    Ordering::Greater
-                } else {
-                    Ordering::Equal
-                }
+                let corners = |place: &Place| {
+                    let face = &faces[self.prepared[place.index].face];
+                    [face.x, face.y]
+                };
+                let by_corners = || corners(a).partial_cmp(&corners(b)).unwrap_or(Ordering::Equal);
+                b.q.total_cmp(&a.q).then(b.order.cmp(&a.order)).then_with(by_corners)
             });
             self.places = places;
         }
@@ -204,9 +214,8 @@ impl Faces {
     /// A total order of what the faces are. Only pieces of one face have all but their corners in common.
     #[inline]
     fn is_before(&self, faces: &[ExactFace<'_>], a: &Place, b: &Place) -> bool {
-        let by_q = b.q.total_cmp(&a.q);
-        if by_q.is_ne() {
-            return by_q.is_lt();
+        if a.q != b.q {
+            return a.q > b.q;
         }
         if a.order != b.order {
             return a.order > b.order;

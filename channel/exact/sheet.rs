@@ -87,10 +87,10 @@ impl Sheets {
         self.halves.clear();
         self.heads = [NONE; CHAINS];
         self.members.clear();
+        self.members.resize(order.len(), Member { neighbours: [NONE; 3], is_open: false, area: 0.0, sheet: NONE });
         for k in 0..order.len() {
             let prepared = order.at(k);
             let face = &faces[prepared.face];
-            self.members.push(Member { neighbours: [NONE; 3], is_open: false, area: 0.0, sheet: NONE });
             let mut area = 0.0;
             for (i, edge) in prepared.edges.iter().enumerate() {
                 let next = if i == 2 { 0 } else { i + 1 };
@@ -203,10 +203,18 @@ impl Sheets {
         (first..order.len()).all(|k| self.members[k].sheet == sheet || is_behind(k))
     }
 
-    /// The pixel's colour if the nearest face belongs to a sheet that hides all others. The shared edges are known afterwards, whether it
-    /// does or not.
+    /// The pixel's colour if the nearest face belongs to a sheet that hides all others. The shared edges are known afterwards, if it
+    /// doesn't.
     #[inline]
     pub(super) fn colour(&mut self, faces: &[ExactFace<'_>], order: &Faces) -> Option<[f64; 3]> {
+        let nearest = order.at(0);
+        if nearest.is_opaque && nearest.lines().is_empty() {
+            let [farthest, _] = nearest.bounds(&faces[nearest.face]);
+            let is_behind = |k: usize| order.at(k).bounds(&faces[order.at(k).face])[1] <= farthest;
+            if (1..order.len()).all(is_behind) {
+                return Some(faces[nearest.face].rgb);
+            }
+        }
         self.set(faces, order);
         if !self.covers_from(faces, order, 0) {
             return None;
