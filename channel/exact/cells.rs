@@ -11,7 +11,7 @@ use super::prepare::{Faces, Prepared, members};
 use super::regions::{NOTHING, Sum};
 use crate::translucency::models::Mix;
 
-/// Most cells that a pixel is cut into. A guess: about a millisecond, and 1.3 MB of buffers.
+/// Most cells that a pixel is cut into. A guess: a millisecond or two, and 1.3 MB of buffers.
 pub const CELLS_MAX: usize = 4096;
 
 /// Words of a set of faces.

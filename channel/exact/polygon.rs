@@ -7,8 +7,8 @@
 /// Nearer to a line than this is on it, pixels. Well above the rounding of a distance within the pixel, about 1e-15.
 pub(super) const ON_LINE: f64 = 1e-13;
 
-/// Most corners of a polygon. The square has four, every cut adds one at most, and faces lose those that they had: more
-/// than eight were never seen in the tests' pixels but for those made to have them.
+/// Most corners of a polygon. The square has four, a triangle's part of it seven at most, and what faces leave between them seldom
+/// more; a pixel that would need more is sampled.
 pub(super) const CORNERS_MAX: usize = 16;
 
 /// Half of that, and enough for most.

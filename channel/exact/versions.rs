@@ -8,8 +8,8 @@
 use super::ExactFace;
 use super::prepare::Faces;
 
-/// With more choices of versions than this a pixel is cut into cells, once. A guess: the cells of two meshes laid over each other
-/// take as long as some twenty pixels of one.
+/// With more choices of versions than this a pixel is cut into cells, once. The cells of two meshes laid over each other take
+/// as long as some twenty pixels of one (7.1 µs against 0.3 µs for fans of four, AMD EPYC).
 const CHOICES_MAX: usize = 16;
 
 /// A version of a model that has faces in the pixel.
