@@ -13,10 +13,13 @@
 //! 5. [`resolve`] shades each face that a pixel sees once ([`shade`], [`lights`], [`texture`]), averages the samples ([`samples`])
 //!    and writes 8-bit sRGB or linear floats.
 //!
+//! [`exact`] computes the mean of one pixel from the areas of its faces instead of from samples.
+//!
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
 #![forbid(unsafe_code)]
 
+pub mod exact;
 pub mod frame;
 pub mod geometry;
 pub mod lights;

@@ -10,6 +10,19 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
+/// `array.map`, inlined for sure. The standard one is a function of its own that doesn't have the features of the level it is called
+/// from: closures with vectors in them would then run without, through memory.
+#[inline(always)]
+pub(crate) fn each3<T, U>([a, b, c]: [T; 3], mut f: impl FnMut(T) -> U) -> [U; 3] {
+    [f(a), f(b), f(c)]
+}
+
+/// See [`each3`].
+#[inline(always)]
+pub(crate) fn each4<T, U>([a, b, c, d]: [T; 4], mut f: impl FnMut(T) -> U) -> [U; 4] {
+    [f(a), f(b), f(c), f(d)]
+}
+
 /// An instruction set that this machine has.
 #[derive(Clone, Copy, Debug)]
 pub struct SimdLevel {

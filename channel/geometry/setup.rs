@@ -7,6 +7,7 @@
 //! attributes) is looked up by `item` and `face` instead of being carried along.
 
 use crate::samples::SUBPIXELS;
+use crate::simd::each3;
 
 /// No clip record: the triangle is a whole face.
 pub const WHOLE_FACE: u32 = u32::MAX;
@@ -39,7 +40,7 @@ impl Plane {
     }
 
     /// The plane through three corners with a positive area.
-    #[inline]
+    #[inline(always)]
     pub fn through(x: [i32; 3], y: [i32; 3], q: [f64; 3]) -> Self {
         let area = area_twice([x[0], y[0]], [x[1], y[1]], [x[2], y[2]]) as f64;
         let (x1, y1) = (f64::from(x[1] - x[0]), f64::from(y[1] - y[0]));
@@ -158,10 +159,10 @@ impl Triangle {
 
     /// Inverse distance at its corners, 1/m, as its plane has it. Positive: where the plane of the scene that it shares, or that of a
     /// splinter, has a corner beyond its horizon by rounding, the corner counts as farther than everything.
-    #[inline]
+    #[inline(always)]
     pub fn corner_q(&self) -> [f64; 3] {
         let plane = self.plane();
-        [0, 1, 2].map(|k| {
+        each3([0, 1, 2], |k| {
             let q = plane.at(self.x[k], self.y[k]);
             if q > FARTHEST { q } else { FARTHEST }
         })

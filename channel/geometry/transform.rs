@@ -12,6 +12,7 @@ use super::plane::{FacePlanes, cofactors};
 use super::setup::{ClipRecord, Flags, Plane, Triangle, WHOLE_FACE, area_twice, extent, pixels_within};
 use super::vertices::{BEYOND, CUT, NOT_FINITE, Vertices};
 use crate::samples::Pattern;
+use crate::simd::each3;
 use crate::store::{Found, Presence, StoredMesh};
 use crate::texture::MipTexture;
 use crate::translucency::models::Member;
@@ -205,8 +206,8 @@ impl GeometryRun {
         let (low, high) = (pattern.low, pattern.high());
         self.counts.faces_in += mesh.triangles.len() as u64;
         for (face, corners) in mesh.triangles.iter().enumerate() {
-            let v = corners.map(|c| c as usize);
-            let codes = v.map(|k| self.vertices.codes[k]);
+            let v = each3(*corners, |c| c as usize);
+            let codes = each3(v, |k| self.vertices.codes[k]);
             let any = codes[0] | codes[1] | codes[2];
             let mut flags = seed_flags;
             if any != 0 {
@@ -230,8 +231,8 @@ impl GeometryRun {
                     continue;
                 }
             }
-            let x = v.map(|k| self.vertices.x[k]);
-            let y = v.map(|k| self.vertices.y[k]);
+            let x = each3(v, |k| self.vertices.x[k]);
+            let y = each3(v, |k| self.vertices.y[k]);
             let area = area_twice([x[0], y[0]], [x[1], y[1]], [x[2], y[2]]);
             let Some(side) = self.side(area, item.mirrored, double_sided) else { continue };
             let [x0, x1] = pixels_within(extent(x), low, high);
@@ -241,9 +242,12 @@ impl GeometryRun {
                 continue;
             }
             flags |= side;
-            let order = if side & Flags::SWAPPED != 0 { [0, 2, 1] } else { [0, 1, 2] };
-            let [x, y] = [x, y].map(|c| order.map(|k| c[k]));
-            let q = order.map(|k| self.vertices.q[v[k]]);
+            let (x, y, v) = if side & Flags::SWAPPED != 0 {
+                ([x[0], x[2], x[1]], [y[0], y[2], y[1]], [v[0], v[2], v[1]])
+            } else {
+                (x, y, v)
+            };
+            let q = each3(v, |k| self.vertices.q[k]);
             let shared = item.planes.as_ref().and_then(|p| p.of_face(camera, face, &mut last_plane));
             let plane = shared.unwrap_or_else(|| Plane::through(x, y, q));
             flags |= if shared.is_some() { Flags::SHARED_PLANE } else { 0 };

@@ -9,6 +9,7 @@
 use super::camera::{Camera, GUARD_BITS};
 use super::transform::Item;
 use crate::samples::SUBPIXELS;
+use crate::simd::{each3, each4};
 use fearless_simd::{Simd, f64x8, mask64x8, prelude::*};
 
 /// Coordinates beyond this, m, are taken for nonsense: their squares would leave f64's range. The face is dropped.
@@ -51,26 +52,32 @@ type Vector<S> = [f64x8<S>; 3];
 #[inline(always)]
 fn rotate<S: Simd>(columns: &[Vector<S>; 3], v: Vector<S>) -> Vector<S> {
     let [a, b, c] = columns;
-    [0, 1, 2].map(|k| a[k] * v[0] + b[k] * v[1] + c[k] * v[2])
+    each3([0, 1, 2], |k| a[k] * v[0] + b[k] * v[1] + c[k] * v[2])
 }
 
 #[inline(always)]
 fn columns<S: Simd>(simd: S, m: &glam::DMat3) -> [Vector<S>; 3] {
-    [m.x_axis, m.y_axis, m.z_axis].map(|c| c.to_array().map(|n| f64x8::splat(simd, n)))
+    each3([m.x_axis, m.y_axis, m.z_axis], |c| each3(c.to_array(), |n| f64x8::splat(simd, n)))
 }
 
 /// Eight f32 as f64.
 #[inline(always)]
 fn wide<S: Simd>(simd: S, from: &[f32]) -> f64x8<S> {
     let from: &[f32; LANES] = from.try_into().expect("eight lanes");
-    f64x8::simd_from(simd, from.map(f64::from))
+    let mut wide = [0.0; LANES];
+    for (to, from) in wide.iter_mut().zip(from) {
+        *to = f64::from(*from);
+    }
+    f64x8::simd_from(simd, wide)
 }
 
 #[inline(always)]
 fn whole_numbers<S: Simd>(v: f64x8<S>, to: &mut [i32]) {
     let shifted: [f64; LANES] = (v + TO_INTEGER).into();
     let to: &mut [i32; LANES] = to.try_into().expect("eight lanes");
-    *to = shifted.map(|n| n.to_bits() as u32 as i32);
+    for (to, n) in to.iter_mut().zip(shifted) {
+        *to = n.to_bits() as u32 as i32;
+    }
 }
 
 impl Vertices {
@@ -84,17 +91,18 @@ impl Vertices {
         self.q.resize(count, 0.0);
         self.codes.resize(count, 0);
         let splat = |n: f64| f64x8::splat(simd, n);
-        let origin = item.stored.mesh.origin.to_array().map(splat);
+        let origin = each3(item.stored.mesh.origin.to_array(), splat);
         let linear = columns(simd, &item.linear);
         let to_view = columns(simd, camera.to_view());
-        let relative = item.relative.to_array().map(splat);
+        let relative = each3(item.relative.to_array(), splat);
         let tangents = camera.tangents;
         let [left, right, bottom, top] =
-            [tangents.left, tangents.right, tangents.bottom, tangents.top].map(splat);
+            each4([tangents.left, tangents.right, tangents.bottom, tangents.top], splat);
         let guard = camera.guard;
         let (guard_left, guard_right) = (splat(guard.left), splat(guard.right));
         let (guard_bottom, guard_top) = (splat(guard.bottom), splat(guard.top));
-        let [span_x, span_y] = camera.spans().map(splat);
+        let [span_x, span_y] = camera.spans();
+        let (span_x, span_y) = (splat(span_x), splat(span_y));
         let (width, height) = (splat(f64::from(camera.width)), splat(f64::from(camera.height)));
         let near = splat(camera.near);
         let visibility = splat(visibility_m);
@@ -104,9 +112,9 @@ impl Vertices {
         for at in (0..count).step_by(LANES) {
             let end = at + LANES;
             let p = [wide(simd, &px[at..end]), wide(simd, &py[at..end]), wide(simd, &pz[at..end])];
-            let p = [0, 1, 2].map(|k| origin[k] + p[k]);
+            let p = each3([0, 1, 2], |k| origin[k] + p[k]);
             let turned = rotate(&linear, p);
-            let v = rotate(&to_view, [0, 1, 2].map(|k| turned[k] + relative[k]));
+            let v = rotate(&to_view, each3([0, 1, 2], |k| turned[k] + relative[k]));
             let (x, y, w) = (v[0], v[1], zero - v[2]);
             // A NaN fails the comparison.
             let most = COORDINATE_MAX;
@@ -182,7 +190,7 @@ pub fn transform_normals<S: Simd>(simd: S, item: &Item<'_>, out: &mut Vec<[f32; 
         let squared = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
         let length = squared.sqrt();
         let exists = squared.simd_gt(1e-30);
-        let [x, y, z]: [[f64; LANES]; 3] = n.map(|c| exists.select(c / length, zero).into());
+        let [x, y, z]: [[f64; LANES]; 3] = each3(n, |c| exists.select(c / length, zero).into());
         for (lane, to) in to.iter_mut().enumerate() {
             *to = [x[lane] as f32, y[lane] as f32, z[lane] as f32, 0.0];
         }

@@ -19,6 +19,7 @@
 use crate::geometry::camera::GUARD_BITS;
 use crate::geometry::setup::Triangle;
 use crate::samples::{Pattern, SUBPIXEL_BITS, SUBPIXELS};
+use crate::simd::{each3, each4};
 use fearless_simd::{Simd, i32x16, prelude::*};
 use proto::frame::{PixelRect, TILE};
 
@@ -60,9 +61,9 @@ pub struct Edges {
 
 impl Edges {
     /// Edge k runs from corner k to corner k + 1.
-    #[inline]
+    #[inline(always)]
     pub fn of(triangle: &Triangle) -> Self {
-        let (x, y) = (triangle.x.map(i64::from), triangle.y.map(i64::from));
+        let (x, y) = (each3(triangle.x, i64::from), each3(triangle.y, i64::from));
         let mut edges = Self { a: [0; 3], b: [0; 3], c: [0; 3] };
         for k in 0..3 {
             let next = (k + 1) % 3;
@@ -78,13 +79,14 @@ impl Edges {
     }
 
     /// Whether a sub-pixel position is covered.
-    #[inline]
+    #[inline(always)]
     pub fn covers(&self, x_sub: i32, y_sub: i32) -> bool {
-        (0..3).all(|k| self.at(k, x_sub, y_sub) >= 0)
+        // A negative number's sign bit survives an OR.
+        (self.at(0, x_sub, y_sub) | self.at(1, x_sub, y_sub) | self.at(2, x_sub, y_sub)) >= 0
     }
 
     /// The covered samples of the pixel whose upper left is there.
-    #[inline]
+    #[inline(always)]
     pub fn mask(&self, pattern: &Pattern, x_sub: i32, y_sub: i32) -> u64 {
         let mut mask = 0;
         for (i, [x, y]) in pattern.points[..pattern.count].iter().enumerate() {
@@ -95,25 +97,26 @@ impl Edges {
 
     /// Whether a square whose samples lie between `low` and `high` of its upper left, both axes, has none inside
     /// because one edge has them all outside.
-    #[inline]
+    #[inline(always)]
     pub fn misses(&self, x_sub: i32, y_sub: i32, low: i32, high: i32) -> bool {
-        (0..3).any(|k| self.at(k, x_sub, y_sub) + self.largest(k, low, high) < 0)
+        let most = each3([0, 1, 2], |k| self.at(k, x_sub, y_sub) + self.largest(k, low, high));
+        (most[0] | most[1] | most[2]) < 0
     }
 
-    #[inline]
+    #[inline(always)]
     fn at(&self, k: usize, x_sub: i32, y_sub: i32) -> i64 {
         self.a[k] * i64::from(x_sub) + self.b[k] * i64::from(y_sub) + self.c[k]
     }
 
     /// Most that edge k gains from a square's upper left to a point of its range.
-    #[inline]
+    #[inline(always)]
     fn largest(&self, k: usize, low: i32, high: i32) -> i64 {
         let far = |slope: i64| slope * i64::from(if slope > 0 { high } else { low });
         far(self.a[k]) + far(self.b[k])
     }
 
     /// Least that edge k gains.
-    #[inline]
+    #[inline(always)]
     fn smallest(&self, k: usize, low: i32, high: i32) -> i64 {
         let far = |slope: i64| slope * i64::from(if slope > 0 { low } else { high });
         far(self.a[k]) + far(self.b[k])
@@ -127,6 +130,35 @@ pub struct BlockCover {
     pub touched: u64,
     /// Pixels whose samples are all covered.
     pub full: u64,
+}
+
+/// Numbers of the blocks of a rectangle, row by row.
+#[derive(Clone, Debug)]
+pub struct Blocks {
+    at: usize,
+    column: i32,
+    columns: [i32; 2],
+    last: usize,
+}
+
+impl Iterator for Blocks {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let at = self.at;
+        if at > self.last {
+            return None;
+        }
+        if self.column == self.columns[1] {
+            self.column = self.columns[0];
+            self.at += (BLOCKS_PER_ROW as i32 - (self.columns[1] - self.columns[0])) as usize;
+        } else {
+            self.column += 1;
+            self.at += 1;
+        }
+        Some(at)
+    }
 }
 
 /// One triangle's coverage of one tile.
@@ -185,28 +217,30 @@ impl<'a> TileCover<'a> {
             pattern,
             edges,
             corner: [left * SUBPIXELS, top * SUBPIXELS],
-            blocks: [x.map(|x| (x - left) >> block), y.map(|y| (y - top) >> block)],
-            least: std::array::from_fn(|k| edges.smallest(k, low, high)),
-            most: std::array::from_fn(|k| edges.largest(k, low, high)),
-            block_least: std::array::from_fn(|k| edges.smallest(k, low, block_high)),
-            block_most: std::array::from_fn(|k| edges.largest(k, low, block_high)),
+            blocks: [
+                [(x[0] - left) >> block, (x[1] - left) >> block],
+                [(y[0] - top) >> block, (y[1] - top) >> block],
+            ],
+            least: each3([0, 1, 2], |k| edges.smallest(k, low, high)),
+            most: each3([0, 1, 2], |k| edges.largest(k, low, high)),
+            block_least: each3([0, 1, 2], |k| edges.smallest(k, low, block_high)),
+            block_most: each3([0, 1, 2], |k| edges.largest(k, low, block_high)),
         })
     }
 
     /// The numbers of the blocks that the triangle's extent meets, row by row.
     #[inline(always)]
-    pub fn blocks(&self) -> impl Iterator<Item = usize> + use<> {
-        let [columns, rows] = self.blocks;
-        let columns = columns[0]..columns[1] + 1;
-        (rows[0]..rows[1] + 1)
-            .flat_map(move |y| columns.clone().map(move |x| (y * BLOCKS_PER_ROW as i32 + x) as usize))
+    pub fn blocks(&self) -> Blocks {
+        let [[x0, x1], [y0, y1]] = self.blocks;
+        let row = BLOCKS_PER_ROW as i32;
+        Blocks { at: (y0 * row + x0) as usize, column: x0, columns: [x0, x1], last: (y1 * row + x1) as usize }
     }
 
     /// The pixels of a block that the triangle covers, beyond the view's border as well.
     #[inline(always)]
     pub fn block<S: Simd>(&self, simd: S, block: usize) -> BlockCover {
         let [x, y] = self.block_corner(block);
-        let at: [i64; 3] = std::array::from_fn(|k| self.edges.at(k, x, y));
+        let at = each3([0, 1, 2], |k| self.edges.at(k, x, y));
         let mut crossed = [false; 3];
         for k in 0..3 {
             if at[k] + self.block_most[k] < 0 {
@@ -217,8 +251,8 @@ impl<'a> TileCover<'a> {
         if crossed == [false; 3] {
             return BlockCover { touched: u64::MAX, full: u64::MAX };
         }
-        let lattice: [[i32; 16]; 2] = LATTICE;
-        let [columns, rows] = lattice.map(|c| i32x16::simd_from(simd, c));
+        let columns = i32x16::simd_from(simd, LATTICE[0]);
+        let rows = i32x16::simd_from(simd, LATTICE[1]);
         let zero = i32x16::splat(simd, 0);
         let mut outside = [zero; 4];
         let mut partial = [zero; 4];
@@ -237,13 +271,9 @@ impl<'a> TileCover<'a> {
                 steps = steps + 2 * b;
             }
         }
-        let mask = |groups: [i32x16<S>; 4]| {
-            let bits = groups.map(|g| g.simd_ge(zero).to_bitmask());
-            bits[0] | bits[1] << 16 | bits[2] << 32 | bits[3] << 48
-        };
-        let touched = mask(outside);
+        let touched = not_negative_64(simd, outside);
         // With one sample, least and most are the same.
-        let full = if self.pattern.count == 1 { touched } else { mask(partial) };
+        let full = if self.pattern.count == 1 { touched } else { not_negative_64(simd, partial) };
         BlockCover { touched, full }
     }
 
@@ -302,6 +332,14 @@ impl<'a> TileCover<'a> {
 /// Column and row of the first 16 pixels of a block.
 const LATTICE: [[i32; 16]; 2] =
     [[0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7], [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1]];
+
+/// Bit i: whether number i is not negative.
+#[inline(always)]
+fn not_negative_64<S: Simd>(simd: S, groups: [i32x16<S>; 4]) -> u64 {
+    let zero = i32x16::splat(simd, 0);
+    let bits = each4(groups, |g| g.simd_ge(zero).to_bitmask());
+    bits[0] | bits[1] << 16 | bits[2] << 32 | bits[3] << 48
+}
 
 /// Bit i: whether `base + table[i]` is not negative, for the first `count` entries.
 #[inline(always)]

@@ -15,6 +15,7 @@
 use super::coverage::BLOCK;
 use crate::geometry::setup::{Plane, Triangle};
 use crate::samples::{Pattern, SUBPIXELS};
+use crate::simd::each4;
 use fearless_simd::{Simd, f32x16, prelude::*};
 
 /// Bound on the rounding of all evaluations that a comparison replaces, relative to the sum of the magnitudes of their
@@ -149,7 +150,7 @@ impl BlockDepth {
     pub fn at_pixel(&self, base: [f32; 2], bit: u32) -> [f32; 2] {
         let (column, row) = ((bit % BLOCK) as f32, (bit / BLOCK) as f32);
         let gain = column * self.steps[0] + row * self.steps[1];
-        let [low, high] = base.map(|b| b + gain);
+        let [low, high] = [base[0] + gain, base[1] + gain];
         [if low.is_nan() { f32::NEG_INFINITY } else { low }, if high.is_nan() { f32::INFINITY } else { high }]
     }
 
@@ -160,7 +161,7 @@ impl BlockDepth {
         const ROWS: [f32; 16] = [0., 0., 0., 0., 0., 0., 0., 0., 1., 1., 1., 1., 1., 1., 1., 1.];
         let along = f32x16::simd_from(simd, COLUMNS) * self.steps[0];
         let rows = f32x16::simd_from(simd, ROWS);
-        [0.0f32, 2.0, 4.0, 6.0].map(|first| along + (rows + first) * self.steps[1])
+        each4([0.0f32, 2.0, 4.0, 6.0], |first| along + (rows + first) * self.steps[1])
     }
 }
 

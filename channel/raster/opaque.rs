@@ -41,7 +41,7 @@ impl RasterCounts {
 #[inline(always)]
 pub fn block_corner(rect: PixelRect, block: usize) -> [i32; 2] {
     let (bx, by) = (block as u32 % BLOCKS_PER_ROW, block as u32 / BLOCKS_PER_ROW);
-    [rect.x0 + bx * BLOCK, rect.y0 + by * BLOCK].map(|c| c as i32 * SUBPIXELS)
+    [(rect.x0 + bx * BLOCK) as i32 * SUBPIXELS, (rect.y0 + by * BLOCK) as i32 * SUBPIXELS]
 }
 
 /// Upper left of a tile's pixel, sub.

@@ -12,6 +12,7 @@
 //! Faces are named by their place in the tile's list of triangles; see [`super::opaque`].
 
 use super::coverage::{BLOCK_PIXELS, BLOCKS, TILE_PIXELS};
+use crate::simd::each4;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 
 /// A cell that sees nothing.
@@ -162,7 +163,7 @@ impl Visible {
     #[inline(always)]
     fn look<S: Simd>(&mut self, simd: S, block: usize) {
         let lows = &self.lows[block * BLOCK_PIXELS..][..BLOCK_PIXELS];
-        let [a, b, c, d] = [0, 16, 32, 48].map(|at| f32x16::from_slice(simd, &lows[at..at + 16]));
+        let [a, b, c, d] = each4([0, 16, 32, 48], |at| f32x16::from_slice(simd, &lows[at..at + 16]));
         // No bound is NaN: one is only entered where it compared as larger than another.
         self.far[block] = a.min(b).min(c.min(d)).reduce_min();
         self.changed &= !(1 << block);

@@ -5,6 +5,7 @@
 //! number of thresholds that it reaches. A table over 16 384 equal steps of the value gives the code at the step's start,
 //! and the threshold inside the step, where there is one (in 1 of 64), does the rest. So the rounding is exact, and equal everywhere.
 
+use crate::simd::each3;
 use std::sync::LazyLock;
 
 /// Steps of the first guess; the exact thresholds correct it.
@@ -83,7 +84,7 @@ impl Encoder {
     /// The codes of red, green and blue as `0x00BBGGRR`.
     #[inline(always)]
     pub fn rgb(&self, linear: [f32; 3]) -> u32 {
-        let [r, g, b] = linear.map(|c| u32::from(self.code(c)));
+        let [r, g, b] = each3(linear, |c| u32::from(self.code(c)));
         r | g << 8 | b << 16
     }
 }

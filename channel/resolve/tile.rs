@@ -9,6 +9,7 @@ use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
 use crate::raster::visible::{NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
+use crate::simd::{each3, each4};
 use crate::shade::tile::{Batch, Look, TileFaces};
 use crate::translucency::compose::{Composed, Layers, Through};
 use crate::translucency::gather::Fragments;
@@ -100,8 +101,8 @@ pub fn resolve<S: Simd>(
         let cells = tile.visible.block(block);
         let is_clear = tile.fragments.is_block_empty(block);
         let first = u32x16::splat(simd, cells[0]);
-        let is_uniform =
-            [0, 16, 32, 48].into_iter().all(|at| u32x16::from_slice(simd, &cells[at..at + 16]).simd_eq(first).all_true());
+        let equal = each4([0, 16, 32, 48], |at| u32x16::from_slice(simd, &cells[at..at + 16]).simd_eq(first));
+        let is_uniform = (equal[0] & equal[1] & equal[2] & equal[3]).all_true();
         if is_clear && is_uniform {
             let constant = if cells[0] == NOTHING {
                 constant_background
@@ -143,7 +144,7 @@ fn by_normal<S: Simd>(
 ) {
     let colours = faces.by_normal(index).block(simd, frame, block);
     for group in 0..4 {
-        let [r, g, b]: [[f32; 16]; 3] = [0, 1, 2].map(|c| colours[c][group].into());
+        let [r, g, b]: [[f32; 16]; 3] = each3([0, 1, 2], |c| colours[c][group].into());
         for i in 0..16 {
             out.codes[group * 16 + i] = frame.encoder.rgb([r[i], g[i], b[i]]);
             if with_linear {
@@ -325,11 +326,11 @@ fn several(tile: Resolved<'_>, pixel: usize, faces: &mut TileFaces, scratch: &mu
 /// A row of eight pixels as bytes.
 #[inline(always)]
 fn row_bytes(codes: &[u32; 8]) -> [u8; 24] {
-    let c = codes.map(u64::from);
+    let c = |i: usize| u64::from(codes[i]);
     let words = [
-        c[0] | c[1] << 24 | c[2] << 48,
-        c[2] >> 16 | c[3] << 8 | c[4] << 32 | c[5] << 56,
-        c[5] >> 8 | c[6] << 16 | c[7] << 40,
+        c(0) | c(1) << 24 | c(2) << 48,
+        c(2) >> 16 | c(3) << 8 | c(4) << 32 | c(5) << 56,
+        c(5) >> 8 | c(6) << 16 | c(7) << 40,
     ];
     let mut bytes = [0; 24];
     for (to, word) in bytes.chunks_exact_mut(8).zip(words) {

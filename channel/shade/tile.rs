@@ -15,6 +15,7 @@ use crate::frame::Frame;
 use crate::geometry::setup::{Flags, WHOLE_FACE};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::samples::SUBPIXELS;
+use crate::simd::{each3, each4};
 use fearless_simd::{Simd, f32x16, prelude::*};
 use proto::frame::{PixelRect, TILE};
 
@@ -126,7 +127,8 @@ impl TileFaces {
             Look::ByNormal(index) => {
                 let [dx, dy] = shading_point(frame, number, [x, y]);
                 let place = [x + dx - (rect.x0 as i32) * SUBPIXELS, y + dy - (rect.y0 as i32) * SUBPIXELS];
-                self.normals[index as usize].at(frame, place.map(|c| c as f32 * (1.0 / SUBPIXELS as f32)))
+                let scale = 1.0 / SUBPIXELS as f32;
+                self.normals[index as usize].at(frame, [place[0] as f32 * scale, place[1] as f32 * scale])
             }
             Look::General => frame.pixel_colour(&mut self.general, number, x, y),
         }
@@ -142,8 +144,12 @@ fn shading_point(frame: &Frame<'_>, number: u32, [x, y]: [i32; 2]) -> [i32; 2] {
         return [centre, centre];
     }
     let points = &frame.pattern.points[..frame.pattern.count];
-    let found = points.iter().find(|[dx, dy]| edges.covers(x + dx, y + dy));
-    *found.expect("a face is shaded only in pixels where it covers a sample")
+    for [dx, dy] in points {
+        if edges.covers(x + dx, y + dy) {
+            return [*dx, *dy];
+        }
+    }
+    unreachable!("a face is shaded only in pixels where it covers a sample")
 }
 
 enum Quick {
@@ -166,7 +172,7 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     let all = run.normals_of(triangle.item as usize)?;
     let vertices = mesh.triangles[triangle.face as usize];
     let behind = if triangle.flags.has(Flags::BEHIND) { -1.0 } else { 1.0 };
-    let [a, b, c] = vertices.map(|v| all[v as usize].map(|n| n * behind));
+    let [a, b, c] = each3(vertices, |v| each4(all[v as usize], |n| n * behind));
     let is_missing = |n: [f32; 4]| n == [0.0; 4];
     if is_missing(a) || is_missing(b) || is_missing(c) {
         return None;
@@ -181,9 +187,9 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     }
     let normals = if triangle.flags.has(Flags::SWAPPED) { [a, c, b] } else { [a, b, c] };
     let (x, y, q) = (triangle.x, triangle.y, triangle.corner_q());
-    let largest = q.into_iter().fold(0.0, |m, q| if q > m { q } else { m });
+    let largest = q[0].max(q[1]).max(q[2]);
     let scale = 1.0 / (triangle.area_twice() as f64 * largest);
-    let origin = [rect.x0, rect.y0].map(|c| (c as i32) * SUBPIXELS);
+    let origin = [rect.x0 as i32 * SUBPIXELS, rect.y0 as i32 * SUBPIXELS];
     let mut weights = [[0.0f32; 3]; 3];
     let mut most = 0.0;
     for k in 0..3 {
@@ -196,14 +202,14 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
             [here * part, -(ey as f64) * part * f64::from(SUBPIXELS), ex as f64 * part * f64::from(SUBPIXELS)];
         let reach = here.abs() + f64::from(TILE) * (right.abs() + down.abs());
         most = if reach > most || reach.is_nan() { reach } else { most };
-        weights[k] = [here, right, down].map(|w| w as f32);
+        weights[k] = each3([here, right, down], |w| w as f32);
     }
     let fits = most <= WEIGHT_MAX;
     if !fits {
         return None;
     }
     let mix = |w: usize| -> [f32; 4] {
-        std::array::from_fn(|c| {
+        each4([0, 1, 2, 3], |c| {
             normals[0][c] * weights[0][w] + normals[1][c] * weights[1][w] + normals[2][c] * weights[2][w]
         })
     };
@@ -224,12 +230,12 @@ impl ByNormal {
     #[inline(always)]
     pub fn at(&self, frame: &Frame<'_>, [x, y]: [f32; 2]) -> [f32; 4] {
         let sun = Sun::of(frame);
-        let n: [f32; 3] = std::array::from_fn(|k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
+        let n = each3([0, 1, 2], |k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
         // What has no direction has no sun.
         let light = sun.ambient + sun.light * if slope > 0.0 { slope } else { 0.0 };
-        let [r, g, b] = std::array::from_fn(|c| finite(self.base[c] * light + self.emissive[c]));
+        let [r, g, b] = each3([0, 1, 2], |c| finite(self.base[c] * light + self.emissive[c]));
         [r, g, b, self.base[3]]
     }
 
@@ -244,7 +250,7 @@ impl ByNormal {
         let mut out = [[f32x16::splat(simd, 0.0); 4]; 3];
         for group in 0..4 {
             let y = rows + (2 * group) as f32;
-            let n = [0, 1, 2].map(|k| (x * self.right[k] + y * self.down[k]) + self.normal[k]);
+            let n = each3([0, 1, 2], |k| (x * self.right[k] + y * self.down[k]) + self.normal[k]);
             let light = Self::light(simd, frame, n);
             for c in 0..3 {
                 out[c][group] = finite_16(simd, light * self.base[c] + self.emissive[c]);
@@ -297,16 +303,16 @@ impl Batch {
         for i in 0..self.count {
             let face = faces.by_normal(self.faces[i]);
             let (x, y) = (self.x[i], self.y[i]);
-            let at: [f32; 4] = std::array::from_fn(|k| face.normal[k] + (face.right[k] * x + face.down[k] * y));
+            let at = each4([0, 1, 2, 3], |k| face.normal[k] + (face.right[k] * x + face.down[k] * y));
             for k in 0..3 {
                 n[k][i] = at[k];
             }
         }
-        let light: [f32; 16] = ByNormal::light(simd, frame, n.map(|c| f32x16::simd_from(simd, c))).into();
+        let light: [f32; 16] = ByNormal::light(simd, frame, each3(n, |c| f32x16::simd_from(simd, c))).into();
         let mut out = [[0.0; 4]; 16];
         for i in 0..self.count {
             let face = faces.by_normal(self.faces[i]);
-            out[i] = std::array::from_fn(|c| finite(face.base[c] * light[i] + face.emissive[c]));
+            out[i] = each4([0, 1, 2, 3], |c| finite(face.base[c] * light[i] + face.emissive[c]));
         }
         out
     }
