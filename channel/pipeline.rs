@@ -14,7 +14,7 @@ use crate::geometry::clip::CORNERS_MAX;
 use crate::geometry::transform::{GeometryCounts, GeometryRun, Item};
 use crate::lights::Light;
 use crate::raster::bins::{RunBins, TileMap};
-use crate::raster::coverage::SampleTables;
+use crate::raster::coverage::{BLOCKS, SampleTables};
 use crate::raster::opaque::{RasterCounts, draw_opaque};
 use crate::raster::visible::{TILE_TRIANGLES_MAX, Visible};
 use crate::resolve::tile::{ResolveCounts, ResolveScratch, Resolved, TileOutput, resolve};
@@ -22,7 +22,7 @@ use crate::samples::Pattern;
 use crate::shade::tile::TileFaces;
 use crate::simd::SimdLevel;
 use crate::store::SceneStore;
-use crate::translucency::gather::{Fragments, gather};
+use crate::translucency::gather::{TileLayers, gather};
 use fearless_simd::{Simd, dispatch};
 use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
 use proto::ids::SubobjectId;
@@ -190,7 +190,7 @@ struct TileScratch {
     numbers: Vec<u32>,
     visible: Visible,
     tables: SampleTables,
-    fragments: Fragments,
+    layers: TileLayers,
     faces: TileFaces,
     resolve: ResolveScratch,
 }
@@ -455,7 +455,7 @@ fn draw_tile<S: Simd>(
     scratch: &mut TileScratch,
     job: &mut Job<'_>,
 ) {
-    let TileScratch { numbers, visible, tables, fragments, faces, resolve: resolve_scratch } = scratch;
+    let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch } = scratch;
     let stats = &mut job.stats;
     let begun = Instant::now();
     numbers.clear();
@@ -468,27 +468,39 @@ fn draw_tile<S: Simd>(
     }
     assert!(numbers.len() <= TILE_TRIANGLES_MAX, "a tile's triangles are numbered in 31 bits");
     visible.clear(frame.pattern.full);
-    fragments.clear();
+    layers.clear();
     faces.begin(numbers.len());
     let counts = &mut stats.opaque;
-    draw_opaque(simd, frame, job.rect, &numbers[..opaque], visible, tables, faces.general(), skips, counts);
+    simd.vectorize(
+        #[inline(always)]
+        || draw_opaque(simd, frame, job.rect, &numbers[..opaque], visible, tables, faces.general(), skips, counts),
+    );
     stats.raster_ns = nanoseconds(begun);
 
     if opaque < numbers.len() || !skips.opaque_tiles {
         let begun = Instant::now();
         let counts = &mut stats.translucent;
         let general = faces.general();
-        gather(simd, frame, job.rect, numbers, opaque, visible, fragments, tables, general, skips, counts);
+        simd.vectorize(
+            #[inline(always)]
+            || gather(simd, frame, job.rect, numbers, opaque, visible, layers, tables, general, skips, counts),
+        );
+        for block in 0..BLOCKS {
+            layers.sort(block);
+        }
         stats.translucency_ns = nanoseconds(begun);
     }
-    stats.fragments = fragments.count() as u64;
+    stats.fragments = layers.fragments() as u64;
     stats.tiles = 1;
-    stats.tiles_opaque = u64::from(fragments.count() == 0);
+    stats.tiles_opaque = u64::from(layers.fragments() == 0);
 
     let begun = Instant::now();
     let out = TileOutput { rgb: job.out.rgb, linear: job.out.linear.as_deref_mut() };
-    let tile = Resolved { frame, rect: job.rect, numbers, visible, fragments };
-    resolve(simd, tile, faces, resolve_scratch, out, &mut stats.pixels);
+    let tile = Resolved { frame, rect: job.rect, numbers, visible, layers };
+    simd.vectorize(
+        #[inline(always)]
+        || resolve(simd, tile, faces, resolve_scratch, out, &mut stats.pixels),
+    );
     stats.resolve_ns = nanoseconds(begun);
 }
 

@@ -145,6 +145,18 @@ impl BlockDepth {
         }
     }
 
+    /// Least that q gains from a block's first pixel to any other.
+    #[inline(always)]
+    pub fn least_gained(&self) -> f32 {
+        let last = (BLOCK - 1) as f32;
+        let gain = |step: f32| if step < 0.0 { step * last } else { 0.0 };
+        if self.steps[0].is_finite() && self.steps[1].is_finite() {
+            gain(self.steps[0]) + gain(self.steps[1])
+        } else {
+            f32::NEG_INFINITY
+        }
+    }
+
     /// The bounds at pixel `bit` (8·row + column) of a block that has `base` at its first one; infinite where they are no numbers.
     #[inline(always)]
     pub fn at_pixel(&self, base: [f32; 2], bit: u32) -> [f32; 2] {

@@ -11,8 +11,8 @@ use crate::raster::visible::{NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
 use crate::simd::{each3, each4};
 use crate::shade::tile::{Batch, Look, TileFaces};
-use crate::translucency::compose::{Composed, Layers, Through};
-use crate::translucency::gather::Fragments;
+use crate::translucency::blend::{BlockLight, Blender};
+use crate::translucency::gather::TileLayers;
 use fearless_simd::{Simd, prelude::*, u32x16};
 use proto::frame::{Background, PixelRect};
 
@@ -38,8 +38,8 @@ pub struct ResolveCounts {
 #[derive(Debug)]
 pub struct ResolveScratch {
     seen: Vec<Seen>,
-    layers: Layers,
-    samples: Box<[Through; 64]>,
+    blender: Blender,
+    light: BlockLight,
     batch: Batch,
     /// Which pixels of the block the batch is for.
     batched: [u8; 16],
@@ -57,9 +57,15 @@ struct BlockColours {
 
 impl Default for ResolveScratch {
     fn default() -> Self {
-        let samples = Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]);
         let block = BlockColours { codes: [0; BLOCK_PIXELS], linear: [[0.0; 3]; BLOCK_PIXELS] };
-        Self { seen: Vec::new(), layers: Layers::default(), samples, batch: Batch::default(), batched: [0; 16], block }
+        Self {
+            seen: Vec::new(),
+            blender: Blender::default(),
+            light: BlockLight::default(),
+            batch: Batch::default(),
+            batched: [0; 16],
+            block,
+        }
     }
 }
 
@@ -75,7 +81,7 @@ pub struct Resolved<'a> {
     /// What is seen of the opaque ones.
     pub visible: &'a Visible,
     /// What lies in front of that.
-    pub fragments: &'a Fragments,
+    pub layers: &'a TileLayers,
 }
 
 /// Computes and writes the pixels of a tile.
@@ -98,8 +104,9 @@ pub fn resolve<S: Simd>(
         if left >= width || top >= height {
             continue;
         }
+        let pixels = u64::from((width - left).min(BLOCK) * (height - top).min(BLOCK));
         let cells = tile.visible.block(block);
-        let is_clear = tile.fragments.is_block_empty(block);
+        let is_clear = tile.layers.block(block).is_empty();
         let first = u32x16::splat(simd, cells[0]);
         let equal = each4([0, 16, 32, 48], |at| u32x16::from_slice(simd, &cells[at..at + 16]).simd_eq(first));
         let is_uniform = (equal[0] & equal[1] & equal[2] & equal[3]).all_true();
@@ -111,7 +118,7 @@ pub fn resolve<S: Simd>(
                     Look::Constant([r, g, b, _], code) => Some(([r, g, b], code)),
                     Look::ByNormal(index) => {
                         by_normal(simd, tile.frame, faces, index, block, out.linear.is_some(), &mut scratch.block);
-                        counts.pixels_single += BLOCK_PIXELS as u64;
+                        counts.pixels_single += pixels;
                         scratch.block.write(tile.rect, [left, top], &mut out);
                         continue;
                     }
@@ -121,12 +128,20 @@ pub fn resolve<S: Simd>(
                 None
             };
             if let Some((colour, code)) = constant {
-                counts.pixels_single += BLOCK_PIXELS as u64;
+                counts.pixels_single += pixels;
                 write_constant(colour, code, tile.rect, [left, top], &mut out);
                 continue;
             }
         }
-        resolve_block(simd, tile, block, constant_background, faces, scratch, out.linear.is_some(), counts);
+        if is_clear {
+            resolve_block(simd, tile, block, constant_background, 0, faces, scratch, out.linear.is_some(), counts);
+        } else {
+            scratch.blender.blend(simd, tile, block, faces, &mut scratch.light);
+            let done = scratch.light.finished;
+            resolve_block(simd, tile, block, constant_background, done, faces, scratch, true, counts);
+            counts.pixels_multi += u64::from(done.count_ones());
+            scratch.block.put_before(tile.frame, &scratch.light);
+        }
         scratch.block.write(tile.rect, [left, top], &mut out);
     }
 }
@@ -154,19 +169,20 @@ fn by_normal<S: Simd>(
     }
 }
 
-/// A block pixel by pixel.
+/// A block pixel by pixel, but for the pixels `done`.
 #[inline(always)]
 fn resolve_block<S: Simd>(
     simd: S,
     tile: Resolved<'_>,
     block: usize,
     constant_background: Option<([f32; 3], u32)>,
+    done: u64,
     faces: &mut TileFaces,
     scratch: &mut ResolveScratch,
     with_linear: bool,
     counts: &mut ResolveCounts,
 ) {
-    let Resolved { frame, rect, numbers, visible, fragments } = tile;
+    let Resolved { frame, rect, numbers, visible, .. } = tile;
     let cells = visible.block(block);
     let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
     let (columns, rows) = (rect.width() - left, rect.height() - top);
@@ -176,14 +192,13 @@ fn resolve_block<S: Simd>(
     let mut multi = 0;
     for bit in 0..BLOCK_PIXELS {
         let (column, row) = (bit as u32 % BLOCK, bit as u32 / BLOCK);
-        if column >= columns || row >= rows {
+        if column >= columns || row >= rows || done >> bit & 1 != 0 {
             continue;
         }
         let cell = cells[bit];
         let pixel = block * BLOCK_PIXELS + bit;
         let corner = [x0 + column as i32 * SUBPIXELS, y0 + row as i32 * SUBPIXELS];
-        let is_clear = fragments.is_empty(pixel);
-        let colour = if is_clear && cell == NOTHING {
+        let colour = if cell == NOTHING {
             single += 1;
             if let Some((colour, code)) = constant_background {
                 scratch.block.codes[bit] = code;
@@ -191,7 +206,7 @@ fn resolve_block<S: Simd>(
                 continue;
             }
             Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, frame.pattern, frame.pattern.full)
-        } else if let Some(place) = Visible::single(cell).filter(|_| is_clear) {
+        } else if let Some(place) = Visible::single(cell) {
             single += 1;
             match faces.look(frame, rect, place, numbers[place as usize]) {
                 Look::Constant([r, g, b, _], code) => {
@@ -219,13 +234,8 @@ fn resolve_block<S: Simd>(
                 }
             }
         } else {
-            let (colour, is_single) = several(tile, pixel, faces, scratch);
-            if is_single {
-                single += 1;
-            } else {
-                multi += 1;
-            }
-            colour
+            multi += 1;
+            several(tile, pixel, faces, scratch)
         };
         scratch.block.codes[bit] = frame.encoder.rgb(colour);
         scratch.block.linear[bit] = colour;
@@ -252,75 +262,32 @@ fn flush<S: Simd>(simd: S, frame: &Frame<'_>, faces: &TileFaces, scratch: &mut R
     scratch.batch.count = 0;
 }
 
-/// The mean of the samples of a pixel that sees several faces or has fragments, linear, and whether its samples all see the
-/// same.
-fn several(tile: Resolved<'_>, pixel: usize, faces: &mut TileFaces, scratch: &mut ResolveScratch) -> ([f32; 3], bool) {
-    let Resolved { frame, rect, numbers, visible, fragments } = tile;
-    let [x, y] = pixel_corner(rect, pixel);
+/// The mean of the samples of a pixel that sees several faces, linear.
+fn several(tile: Resolved<'_>, pixel: usize, faces: &mut TileFaces, scratch: &mut ResolveScratch) -> [f32; 3] {
+    let Resolved { frame, rect, numbers, visible, .. } = tile;
+    let corner = pixel_corner(rect, pixel);
     let pattern = frame.pattern;
-    let mut shade = |seen: &Seen| -> [f32; 3] {
-        let [r, g, b, _] = faces.colour(frame, rect, seen.triangle, numbers[seen.triangle as usize], [x, y]);
-        [r, g, b]
-    };
-    // What is behind, by samples; its parts in the order of their first samples.
+    // The parts in the order of their first samples.
     scratch.seen.clear();
     scratch.seen.extend(visible.seen(pixel));
-    let open = pattern.full & !scratch.seen.iter().fold(0, |mask, seen| mask | seen.mask);
     scratch.seen.sort_unstable_by_key(|seen| seen.mask.trailing_zeros());
-    let sky = (open != 0).then(|| Behind::of(frame.camera, frame.environment, [x, y]));
-    let share = 1.0 / pattern.count as f64;
     let mut sum = [0.0f64; 3];
-    if fragments.is_empty(pixel) {
-        for seen in &scratch.seen {
-            let colour = shade(seen);
-            let samples = f64::from(seen.mask.count_ones());
-            for c in 0..3 {
-                sum[c] += f64::from(colour[c]) * samples;
-            }
-        }
-        if let Some(sky) = sky {
-            let (colour, samples) = (sky.mean(frame.camera, pattern, open), f64::from(open.count_ones()));
-            sum = std::array::from_fn(|c| sum[c] + f64::from(colour[c]) * samples);
-        }
-        return (sum.map(|c| (c * share) as f32), false);
-    }
-
-    let mut behind = [[0.0f32; 3]; 64];
+    let mut open = pattern.full;
     for seen in &scratch.seen {
-        let colour = shade(seen);
-        let mut rest = seen.mask;
-        while rest != 0 {
-            behind[rest.trailing_zeros() as usize] = colour;
-            rest &= rest - 1;
-        }
+        let [r, g, b, _] = faces.colour(frame, rect, seen.triangle, numbers[seen.triangle as usize], corner);
+        let samples = f64::from(seen.mask.count_ones());
+        sum = [sum[0] + f64::from(r) * samples, sum[1] + f64::from(g) * samples, sum[2] + f64::from(b) * samples];
+        open &= !seen.mask;
     }
-    let mut is_one = scratch.seen.len() == 1 && open == 0;
-    if let Some(sky) = sky {
-        let mut rest = open;
-        while rest != 0 {
-            let i = rest.trailing_zeros() as usize;
-            behind[i] = sky.at(frame.camera, pattern.points[i]);
-            rest &= rest - 1;
-        }
-        if let (Behind::Constant(_), true) = (sky, open == pattern.full) {
-            is_one = true;
-        }
-    }
-    let composed = scratch.layers.compose(tile, faces, [x, y], fragments.of_pixel(pixel), &mut scratch.samples);
-    if let (Composed::Uniform(through), true) = (composed, is_one) {
-        return (through.over(behind[0]).map(|c| c as f32), true);
-    }
-    for (behind, sample) in behind[..pattern.count].iter().zip(scratch.samples.iter()) {
-        let through = match &composed {
-            Composed::Uniform(through) => through,
-            Composed::PerSample => sample,
-        };
-        let colour = through.over(*behind);
+    if open != 0 {
+        let colour = Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, pattern, open);
+        let samples = f64::from(open.count_ones());
         for c in 0..3 {
-            sum[c] += colour[c];
+            sum[c] += f64::from(colour[c]) * samples;
         }
     }
-    (sum.map(|c| (c * share) as f32), false)
+    let share = 1.0 / pattern.count as f64;
+    each3(sum, |c| (c * share) as f32)
 }
 
 /// A row of eight pixels as bytes.
@@ -340,6 +307,21 @@ fn row_bytes(codes: &[u32; 8]) -> [u8; 24] {
 }
 
 impl BlockColours {
+    /// Puts the light of layers before what is here.
+    #[inline(always)]
+    fn put_before(&mut self, frame: &Frame<'_>, light: &BlockLight) {
+        for bit in 0..BLOCK_PIXELS {
+            let mut colour = each3([0, 1, 2], |c| light.rgb[c][bit]);
+            if light.finished >> bit & 1 == 0 {
+                for c in 0..3 {
+                    colour[c] += self.linear[bit][c] * light.transmitted[bit];
+                }
+            }
+            self.codes[bit] = frame.encoder.rgb(colour);
+            self.linear[bit] = colour;
+        }
+    }
+
     /// Writes the block whose upper left is (left, top) of the tile.
     #[inline(always)]
     fn write(&self, rect: PixelRect, [left, top]: [u32; 2], out: &mut TileOutput<'_>) {

@@ -52,6 +52,18 @@ pub enum Look {
     General,
 }
 
+impl Look {
+    /// Alpha, where it is one all over the face.
+    #[inline(always)]
+    pub fn alpha(&self, faces: &TileFaces) -> Option<f32> {
+        match self {
+            Self::Constant([_, _, _, alpha], _) => Some(*alpha),
+            Self::ByNormal(index) => Some(faces.by_normal(*index).alpha()),
+            Self::General => None,
+        }
+    }
+}
+
 /// The sun as the quick way needs it.
 #[derive(Clone, Copy, Debug)]
 struct Sun {

@@ -1,14 +1,17 @@
-//! From a tile's translucent triangles to a list of fragments per pixel.
+//! From a tile's translucent triangles to *layers*: per block of 8 × 8 pixels, the faces that are seen through, each with the pixels
+//! it fills and the samples it covers in the others.
 //!
 //! A model in transition gives all of its faces here, opaque and cut-out ones as well: its weights make them translucent.
-//! The tile's opaque faces are final when this runs: fragments behind them are dropped sample by sample, so that what is kept
-//! is what contributes. There is no limit on the number of layers; a tile's fragments share one array that grows as
-//! needed and is used again.
+//! The tile's opaque faces are final when this runs: what is behind them is dropped sample by sample, so that what is kept
+//! is what contributes. There is no limit on the number of layers; a tile's layers share arrays that grow as
+//! needed and are used again.
+//!
+//! What is kept, pixel by pixel and sample by sample, doesn't depend on the order of the list, nor on the shortcuts taken.
 
 use crate::frame::Frame;
-use crate::geometry::setup::Flags;
+use crate::geometry::setup::{Flags, Plane, Triangle};
 use crate::pipeline::Skips;
-use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TILE_PIXELS, TileCover};
+use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover};
 use crate::raster::depth::{BlockDepth, in_front};
 use crate::raster::opaque::{RasterCounts, block_corner, hidden_in_tile, nearest_in_block, pixel_corner, pixels_of_view};
 use crate::raster::visible::Visible;
@@ -16,87 +19,95 @@ use crate::shade::FaceCache;
 use fearless_simd::Simd;
 use proto::frame::PixelRect;
 
-/// Ends a list.
-const END: u32 = u32::MAX;
-
-const _: () = assert!(BLOCKS <= 16, "a bit per block in a u16");
+/// A translucent face in a block.
+#[derive(Clone, Copy, Debug)]
+pub struct Layer {
+    /// The triangle's place in the tile's list.
+    pub place: u32,
+    /// Its number in the frame.
+    pub number: u32,
+    /// Pixels with a sample that it is seen at.
+    pub touched: u64,
+    /// Of these, those where it is seen at all samples.
+    pub full: u64,
+    /// Where the samples of the others begin, in the order of their bits.
+    first_mask: u32,
+    /// Inverse distance at the block's middle, 1/m.
+    pub q: f64,
+    /// Where layers are equally near, the larger is in front.
+    pub order: u64,
+    /// Bounds of the inverse distance over the block.
+    pub low: f32,
+    /// See `low`.
+    pub high: f32,
+    /// Of the triangle.
+    pub flags: Flags,
+}
 
 /// A translucent face in a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Fragment {
     /// The triangle's place in the tile's list.
     pub triangle: u32,
-    next: u32,
     /// The samples it is seen at: covered, and no opaque face in front.
     pub mask: u64,
 }
 
-/// The fragments of a tile.
-#[derive(Debug)]
-pub struct Fragments {
-    heads: Vec<u32>,
-    fragments: Vec<Fragment>,
-    /// A bit per block that has any.
-    blocks: u16,
+/// The layers of a tile.
+#[derive(Debug, Default)]
+pub struct TileLayers {
+    blocks: [Vec<Layer>; BLOCKS],
+    masks: Vec<u64>,
+    count: usize,
 }
 
-impl Fragments {
-    /// None.
-    pub fn new() -> Self {
-        Self { heads: vec![END; TILE_PIXELS], fragments: Vec::new(), blocks: 0 }
-    }
-
-    /// Forgets all fragments.
+impl TileLayers {
+    /// Forgets all.
     pub fn clear(&mut self) {
-        if !self.fragments.is_empty() {
-            self.heads.fill(END);
-            self.fragments.clear();
-            self.blocks = 0;
+        if self.count > 0 {
+            for block in &mut self.blocks {
+                block.clear();
+            }
+            self.masks.clear();
+            self.count = 0;
         }
     }
 
-    /// Number of fragments in the tile.
-    pub fn count(&self) -> usize {
-        self.fragments.len()
+    /// Number of (face, pixel) pairs.
+    pub fn fragments(&self) -> usize {
+        self.count
     }
 
-    /// Whether no pixel of a block has any.
+    /// The layers of a block, in the order of the list until [`TileLayers::sort`].
     #[inline(always)]
-    pub fn is_block_empty(&self, block: usize) -> bool {
-        self.blocks >> block & 1 == 0
+    pub fn block(&self, block: usize) -> &[Layer] {
+        &self.blocks[block]
     }
 
-    /// Whether a pixel has none.
-    #[inline]
-    pub fn is_empty(&self, pixel: usize) -> bool {
-        self.heads[pixel] == END
+    /// Orders a block's layers by their distance in the block's middle, nearest first; equally near: the larger order first.
+    pub fn sort(&mut self, block: usize) {
+        let layers = &mut self.blocks[block];
+        layers.sort_unstable_by(|a, b| b.q.total_cmp(&a.q).then(b.order.cmp(&a.order)));
     }
 
-    /// A pixel's fragments in no meaningful order.
-    pub fn of_pixel(&self, pixel: usize) -> impl Iterator<Item = Fragment> + '_ {
-        let mut at = self.heads[pixel];
-        std::iter::from_fn(move || {
-            let fragment = *self.fragments.get(at as usize)?;
-            at = fragment.next;
-            Some(fragment)
-        })
+    /// The samples at which a layer is seen in a pixel that it touches.
+    #[inline(always)]
+    pub fn mask(&self, layer: &Layer, bit: u32, full: u64) -> u64 {
+        if layer.full >> bit & 1 != 0 {
+            return full;
+        }
+        let before = layer.touched & !layer.full & ((1 << bit) - 1);
+        self.masks[layer.first_mask as usize + before.count_ones() as usize]
     }
 
-    fn push(&mut self, pixel: usize, triangle: u32, mask: u64) {
-        assert!(self.fragments.len() < END as usize, "a tile's fragments are numbered in 32 bits");
-        self.blocks |= 1 << (pixel / BLOCK_PIXELS);
-        let next = std::mem::replace(&mut self.heads[pixel], self.fragments.len() as u32);
-        self.fragments.push(Fragment { triangle, next, mask });
-    }
-}
-
-impl Default for Fragments {
-    fn default() -> Self {
-        Self::new()
+    /// A pixel's fragments in the order of the block's layers.
+    pub fn of_pixel(&self, block: usize, bit: u32, full: u64) -> impl Iterator<Item = Fragment> + '_ {
+        let touching = self.blocks[block].iter().filter(move |layer| layer.touched >> bit & 1 != 0);
+        touching.map(move |layer| Fragment { triangle: layer.place, mask: self.mask(layer, bit, full) })
     }
 }
 
-/// Collects the fragments of a tile's translucent triangles: those of `numbers` from `first` on. The opaque ones, before that,
+/// Collects the layers of a tile's translucent triangles: those of `numbers` from `first` on. The opaque ones, before that,
 /// are in `visible`.
 #[inline(always)]
 pub fn gather<S: Simd>(
@@ -106,7 +117,7 @@ pub fn gather<S: Simd>(
     numbers: &[u32],
     first: usize,
     visible: &mut Visible,
-    fragments: &mut Fragments,
+    layers: &mut TileLayers,
     tables: &mut SampleTables,
     faces: &mut FaceCache,
     skips: Skips,
@@ -115,7 +126,8 @@ pub fn gather<S: Simd>(
     counts.pairs += (numbers.len() - first) as u64;
     let valid = pixels_of_view(rect);
     let pattern = frame.pattern;
-    for (place, &number) in numbers.iter().enumerate().skip(first) {
+    for place in first..numbers.len() {
+        let number = numbers[place];
         let triangle = frame.triangle(number);
         if skips.occluded && hidden_in_tile(simd, frame, triangle, rect, visible) {
             counts.occluded += 1;
@@ -124,8 +136,9 @@ pub fn gather<S: Simd>(
         let Some(cover) = TileCover::new(pattern, triangle, rect) else { continue };
         tables.clear();
         // Only a model in transition has cut-outs here.
-        let cutoff = frame.items[triangle.item as usize].cutoff();
-        let depth = BlockDepth::new(pattern, triangle.plane());
+        let has_holes = triangle.flags.0 & (Flags::BEYOND | Flags::CUT_OUT) != 0;
+        let plane = triangle.plane();
+        let depth = BlockDepth::new(pattern, plane);
         let gains = depth.lattice(simd);
         for block in cover.blocks() {
             let [x, y] = block_corner(rect, block);
@@ -140,31 +153,92 @@ pub fn gather<S: Simd>(
                 continue;
             }
             let depths = visible.compare(simd, block, base, &gains);
-            let mut rest = touched & !depths.behind;
+            let touched = touched & !depths.behind;
+            if touched == 0 {
+                continue;
+            }
+            let first_mask = layers.masks.len() as u32;
+            let mut seen = if has_holes { 0 } else { touched & covered.full & depths.front };
+            let mut full = seen;
+            let mut rest = touched & !seen;
             while rest != 0 {
                 let bit = rest.trailing_zeros();
                 rest &= rest - 1;
                 let is_full = covered.full >> bit & 1 != 0;
                 let mut mask = if is_full { pattern.full } else { cover.samples(simd, tables, block, bit) };
                 let pixel = block * BLOCK_PIXELS + bit as usize;
-                let [px, py] = pixel_corner(rect, pixel);
-                if triangle.flags.has(Flags::BEYOND) {
-                    mask = frame.within_visibility(triangle, px, py, mask);
+                if depths.front >> bit & 1 == 0 || has_holes {
+                    let looked_at = Looked { frame, numbers, number, triangle, visible };
+                    mask = looked_at.seen(faces, pixel_corner(rect, pixel), pixel, mask);
                 }
-                if depths.front >> bit & 1 == 0 {
-                    mask = visible.unhidden(pixel, mask, |other, both| {
-                        let other = numbers[other as usize];
-                        let wins_ties = || frame.order(number) > frame.order(other);
-                        in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties)
-                    });
+                if mask == 0 {
+                    continue;
                 }
-                if let Some(cutoff) = cutoff {
-                    mask = frame.reaches_cutoff(faces, number, cutoff, px, py, mask);
-                }
-                if mask != 0 {
-                    fragments.push(pixel, place as u32, mask);
+                seen |= 1 << bit;
+                if mask == pattern.full {
+                    full |= 1 << bit;
+                } else {
+                    layers.masks.push(mask);
                 }
             }
+            if seen == 0 {
+                continue;
+            }
+            layers.count += seen.count_ones() as usize;
+            let [low, high] = extremes(&depth, base);
+            layers.blocks[block].push(Layer {
+                place: place as u32,
+                number,
+                touched: seen,
+                full,
+                first_mask,
+                q: middle(&plane, x, y),
+                order: frame.order(number),
+                low,
+                high,
+                flags: triangle.flags,
+            });
+        }
+    }
+}
+
+/// q at the middle of the block whose upper left is (x, y) sub.
+#[inline(always)]
+fn middle(plane: &Plane, x: i32, y: i32) -> f64 {
+    plane.at(x + 1024, y + 1024)
+}
+
+/// Bounds of a face's q over a block with these at its first pixel.
+#[inline(always)]
+fn extremes(depth: &BlockDepth, base: [f32; 2]) -> [f32; 2] {
+    [base[0] + depth.least_gained(), base[1] + depth.most_gained()]
+}
+
+/// A triangle as it is looked at in a pixel that isn't plainly in front.
+struct Looked<'a> {
+    frame: &'a Frame<'a>,
+    numbers: &'a [u32],
+    number: u32,
+    triangle: &'a Triangle,
+    visible: &'a Visible,
+}
+
+impl Looked<'_> {
+    /// Of the covered samples those at which it exists and isn't hidden.
+    #[inline(never)]
+    fn seen(&self, faces: &mut FaceCache, [x, y]: [i32; 2], pixel: usize, mut mask: u64) -> u64 {
+        let Self { frame, numbers, number, triangle, visible } = *self;
+        if triangle.flags.has(Flags::BEYOND) {
+            mask = frame.within_visibility(triangle, x, y, mask);
+        }
+        mask = visible.unhidden(pixel, mask, |other, both| {
+            let other = numbers[other as usize];
+            let wins_ties = || frame.order(number) > frame.order(other);
+            in_front(frame.pattern, triangle, frame.triangle(other), x, y, both, wins_ties)
+        });
+        match frame.items[triangle.item as usize].cutoff() {
+            Some(cutoff) => frame.reaches_cutoff(faces, number, cutoff, x, y, mask),
+            None => mask,
         }
     }
 }

@@ -7,10 +7,12 @@
 //! and where two are equally near the one of the larger (layer, primitive, face number) is in front, as for opaque faces;
 //! the order of the list never matters.
 //!
-//! - [`gather`]: triangles → fragments per pixel.
+//! - [`gather`]: triangles → layers of blocks.
+//! - [`blend`]: the layers of a block → the light of its pixels.
+//! - [`compose`]: the fragments of one pixel → the light of its samples, where they differ in order or belong to models.
 //! - [`models`]: layers that are merged, and versions that are mixed.
-//! - [`compose`]: fragments and what is behind them → the samples' colours.
 
+pub mod blend;
 pub mod compose;
 pub mod gather;
 pub mod models;

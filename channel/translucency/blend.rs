@@ -1,0 +1,562 @@
+//! The light that comes through the layers of a block.
+//!
+//! Layers are ordered once per block, by their distance in its middle, and that order is then proven rather than trusted: two
+//! layers that share a sample must lie in it all over the block (the difference of their planes, at the block's corners).
+//! Where two don't, they and all between them form a *run*, and pixels where layers of a run meet are sorted on their own. So a
+//! pixel meets its layers in exact order, and most pixels of a block meet them together: colours are computed and added for 16
+//! pixels at a time.
+//!
+//! That needs a layer to be seen at all samples of the pixel. The others, on the rims of layers, keep *classes* of samples that let
+//! the same light through: a layer splits the classes that it covers in part. Where the next face of the same mesh covers the
+//! rest with the same saturation, the classes become one again, so that the inner edges of a mesh cost next to nothing.
+//! Pixels whose layers cross within the pixel, or belong to models, are left to [`super::compose`], sample by sample.
+//!
+//! Which way a pixel goes depends on what is seen in its block and on nothing else.
+
+use super::compose::{Composed, Layers, Through};
+use super::gather::Layer;
+use crate::geometry::setup::Flags;
+use crate::raster::coverage::{BLOCK, BLOCK_PIXELS};
+use crate::raster::depth::{in_front, order_over};
+use crate::raster::opaque::block_corner;
+use crate::resolve::background::Behind;
+use crate::resolve::tile::Resolved;
+use crate::samples::SUBPIXELS;
+use crate::shade::tile::{Look, TileFaces};
+use crate::simd::each3;
+use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
+
+/// A block's light so far, and what still comes through, for pixels whose samples are alike.
+#[derive(Debug)]
+pub struct BlockLight {
+    /// Linear RGB.
+    pub rgb: [[f32; BLOCK_PIXELS]; 3],
+    /// What the layers let through of what is behind them, 0 to 1.
+    pub transmitted: [f32; BLOCK_PIXELS],
+    /// Pixels that are finished already, in `rgb`, with what is behind them: their samples differ.
+    pub finished: u64,
+}
+
+impl Default for BlockLight {
+    fn default() -> Self {
+        Self { rgb: [[0.0; BLOCK_PIXELS]; 3], transmitted: [1.0; BLOCK_PIXELS], finished: 0 }
+    }
+}
+
+/// Samples of a pixel that let the same light through.
+#[derive(Clone, Copy, Debug)]
+struct Class {
+    mask: u64,
+    transmitted: f32,
+}
+
+/// A layer met in a pixel.
+#[derive(Clone, Copy, Debug)]
+struct Met {
+    layer: usize,
+    q: f64,
+    order: u64,
+}
+
+/// Buffers of the stage, used again.
+#[derive(Debug, Default)]
+pub struct Blender {
+    /// For each layer the first of its run.
+    run_starts: Vec<usize>,
+    /// Colours of the layers of a run in the block's pixels.
+    run_colours: Vec<[[f32; BLOCK_PIXELS]; 3]>,
+    met: Vec<Met>,
+    classes: Vec<Class>,
+    compose: Layers,
+    samples: Option<Box<[Through; 64]>>,
+}
+
+impl Blender {
+    /// Computes the light of a block; its layers have been sorted.
+    #[inline(always)]
+    pub fn blend<S: Simd>(
+        &mut self,
+        simd: S,
+        tile: Resolved<'_>,
+        block: usize,
+        faces: &mut TileFaces,
+        out: &mut BlockLight,
+    ) {
+        let layers = tile.layers.block(block);
+        let mut mixed = 0;
+        let mut flags = 0;
+        let mut all = 0;
+        for layer in layers {
+            mixed |= layer.touched & !layer.full;
+            all |= layer.touched;
+            flags |= layer.flags.0;
+        }
+        out.rgb = [[0.0; BLOCK_PIXELS]; 3];
+        out.transmitted = [1.0; BLOCK_PIXELS];
+        let is_modelled = Flags(flags).has(Flags::PART);
+        if is_modelled {
+            mixed = all;
+        } else {
+            self.find_runs(tile, block);
+            mixed |= self.crossing(tile, block, mixed);
+            self.blend_uniform(simd, tile, block, faces, mixed, out);
+        }
+        out.finished = mixed;
+        let mut rest = mixed;
+        while rest != 0 {
+            let bit = rest.trailing_zeros();
+            rest &= rest - 1;
+            let rgb = if is_modelled {
+                self.by_samples(tile, block, bit, faces)
+            } else {
+                self.by_classes(tile, block, bit, faces)
+            };
+            for c in 0..3 {
+                out.rgb[c][bit as usize] = rgb[c];
+            }
+        }
+    }
+
+    /// Finds which neighbours in the order aren't proven to be in it.
+    #[inline(always)]
+    fn find_runs(&mut self, tile: Resolved<'_>, block: usize) {
+        let layers = tile.layers.block(block);
+        self.run_starts.clear();
+        let mut least = f32::INFINITY;
+        for (j, layer) in layers.iter().enumerate() {
+            self.run_starts.push(j);
+            // NaN is less than nothing: then all are compared.
+            let is_clear = layer.high < least;
+            if !is_clear {
+                for (i, before) in layers[..j].iter().enumerate() {
+                    let is_behind = layer.high < before.low;
+                    if !is_behind && before.touched & layer.touched != 0 && !in_order(tile, block, before, layer) {
+                        // All between belong to the run as well.
+                        let start = self.run_starts[i];
+                        self.run_starts[start..=j].fill(start);
+                        break;
+                    }
+                }
+            }
+            least = if layer.low < least { layer.low } else { least };
+        }
+    }
+
+    /// Pixels, beside those of `mixed`, in which layers of a run change their order from sample to sample.
+    #[inline(always)]
+    fn crossing(&mut self, tile: Resolved<'_>, block: usize, mixed: u64) -> u64 {
+        if tile.frame.pattern.count == 1 {
+            return 0;
+        }
+        let layers = tile.layers.block(block);
+        let mut crossing = 0;
+        let mut end = layers.len();
+        while end > 0 {
+            let start = self.run_starts[end - 1];
+            if start + 1 < end {
+                let mut rest = shared(&layers[start..end]) & !mixed & !crossing;
+                while rest != 0 {
+                    let bit = rest.trailing_zeros();
+                    rest &= rest - 1;
+                    self.meet(tile, block, bit, start..end);
+                    let [x, y] = corner_of(tile, block, bit);
+                    let frame = tile.frame;
+                    let is_one_order = self.met.windows(2).all(|pair| {
+                        let [a, b] = [&layers[pair[0].layer], &layers[pair[1].layer]];
+                        let (ta, tb) = (frame.triangle(a.number), frame.triangle(b.number));
+                        let full = frame.pattern.full;
+                        in_front(frame.pattern, ta, tb, x, y, full, || a.order > b.order) == full
+                    });
+                    if !is_one_order {
+                        crossing |= 1 << bit;
+                    }
+                }
+            }
+            end = start;
+        }
+        crossing
+    }
+
+    /// The layers of a range that are in a pixel, nearest at its centre first.
+    #[inline(always)]
+    fn meet(&mut self, tile: Resolved<'_>, block: usize, bit: u32, range: std::ops::Range<usize>) {
+        let layers = tile.layers.block(block);
+        let [x, y] = corner_of(tile, block, bit);
+        let centre = SUBPIXELS / 2;
+        self.met.clear();
+        for k in range {
+            let layer = &layers[k];
+            if layer.touched >> bit & 1 != 0 {
+                let q = tile.frame.triangle(layer.number).plane().at(x + centre, y + centre);
+                let met = Met { layer: k, q, order: layer.order };
+                // They are nearly sorted: insertion.
+                let mut at = self.met.len();
+                while at > 0 && is_before(&met, &self.met[at - 1]) {
+                    at -= 1;
+                }
+                self.met.insert(at, met);
+            }
+        }
+    }
+
+    /// The pixels that aren't `mixed`, layer by layer.
+    #[inline(always)]
+    fn blend_uniform<S: Simd>(
+        &mut self,
+        simd: S,
+        tile: Resolved<'_>,
+        block: usize,
+        faces: &mut TileFaces,
+        mixed: u64,
+        out: &mut BlockLight,
+    ) {
+        let layers = tile.layers.block(block);
+        let mut start = 0;
+        while start < layers.len() {
+            let mut end = start + 1;
+            while end < layers.len() && self.run_starts[end] == start {
+                end += 1;
+            }
+            let several = if end - start > 1 { shared(&layers[start..end]) & !mixed } else { 0 };
+            if several != 0 {
+                self.run_colours.resize(end - start, [[0.0; BLOCK_PIXELS]; 3]);
+            }
+            for (k, layer) in layers[start..end].iter().enumerate() {
+                let pixels = layer.touched & !mixed;
+                if pixels == 0 {
+                    continue;
+                }
+                let (colours, alpha) = colours(simd, tile, block, layer, faces, pixels);
+                add(simd, out, pixels & !several, &colours, alpha);
+                if pixels & several != 0 {
+                    for c in 0..3 {
+                        for group in 0..4 {
+                            colours[c][group].store_slice(&mut self.run_colours[k][c][group * 16..group * 16 + 16]);
+                        }
+                    }
+                }
+            }
+            let mut rest = several;
+            while rest != 0 {
+                let bit = rest.trailing_zeros();
+                rest &= rest - 1;
+                self.meet(tile, block, bit, start..end);
+                let i = bit as usize;
+                for met in &self.met {
+                    let layer = &layers[met.layer];
+                    let alpha = faces.look(tile.frame, tile.rect, layer.place, layer.number).alpha(faces);
+                    let alpha = match alpha {
+                        Some(alpha) => saturation(alpha),
+                        None => saturation(general(tile, block, layer, faces, bit)[3]),
+                    };
+                    let part = alpha * out.transmitted[i];
+                    for c in 0..3 {
+                        out.rgb[c][i] += self.run_colours[met.layer - start][c][i] * part;
+                    }
+                    out.transmitted[i] *= 1.0 - alpha;
+                }
+            }
+            start = end;
+        }
+    }
+
+    /// A pixel whose layers aren't seen at all samples alike, in the order of the block where that is proven.
+    #[inline(never)]
+    fn by_classes(&mut self, tile: Resolved<'_>, block: usize, bit: u32, faces: &mut TileFaces) -> [f32; 3] {
+        let layers = tile.layers.block(block);
+        let frame = tile.frame;
+        let full = frame.pattern.full;
+        // Two layers of one run in this pixel: their order is not known, unless they share no sample.
+        let mut last: Option<(usize, u64)> = None;
+        for (k, layer) in layers.iter().enumerate() {
+            if layer.touched >> bit & 1 == 0 {
+                continue;
+            }
+            let (run, mask) = (self.run_starts[k], tile.layers.mask(layer, bit, full));
+            match &mut last {
+                Some((before, masks)) if *before == run => {
+                    if *masks & mask != 0 {
+                        return self.by_samples(tile, block, bit, faces);
+                    }
+                    *masks |= mask;
+                }
+                _ => last = Some((run, mask)),
+            }
+        }
+        let [x, y] = corner_of(tile, block, bit);
+        let mut rgb = [0.0f32; 3];
+        self.classes.clear();
+        self.classes.push(Class { mask: full, transmitted: 1.0 });
+        for layer in layers {
+            if layer.touched >> bit & 1 == 0 {
+                continue;
+            }
+            let mask = tile.layers.mask(layer, bit, full);
+            let [r, g, b, alpha] = faces.colour(frame, tile.rect, layer.place, layer.number, [x, y]);
+            let alpha = saturation(alpha);
+            let mut weight = 0.0;
+            for k in 0..self.classes.len() {
+                let class = self.classes[k];
+                let both = class.mask & mask;
+                if both == 0 {
+                    continue;
+                }
+                weight += class.transmitted * alpha * both.count_ones() as f32;
+                let transmitted = class.transmitted * (1.0 - alpha);
+                if both == class.mask {
+                    self.classes[k].transmitted = transmitted;
+                } else {
+                    self.classes[k].mask &= !mask;
+                    self.classes.push(Class { mask: both, transmitted });
+                }
+            }
+            rgb = [rgb[0] + r * weight, rgb[1] + g * weight, rgb[2] + b * weight];
+            join_classes(&mut self.classes);
+            if self.classes.len() == 1 && self.classes[0].transmitted == 0.0 {
+                break;
+            }
+        }
+        let pixel = block * BLOCK_PIXELS + bit as usize;
+        let mut open = full;
+        let mut add = |mask: u64, colour: [f32; 3]| {
+            for class in &self.classes {
+                let weight = class.transmitted * (class.mask & mask).count_ones() as f32;
+                for c in 0..3 {
+                    rgb[c] += colour[c] * weight;
+                }
+            }
+        };
+        let mut seen: [(u64, u32); 64] = [(0, 0); 64];
+        let mut count = 0;
+        for s in tile.visible.seen(pixel) {
+            seen[count] = (s.mask, s.triangle);
+            count += 1;
+            open &= !s.mask;
+        }
+        // In the order of their first samples: the order in which they were found has no say.
+        seen[..count].sort_unstable_by_key(|(mask, _)| mask.trailing_zeros());
+        for (mask, place) in &seen[..count] {
+            let [r, g, b, _] = faces.colour(frame, tile.rect, *place, tile.numbers[*place as usize], [x, y]);
+            add(*mask, [r, g, b]);
+        }
+        if open != 0 {
+            match Behind::of(frame.camera, frame.environment, [x, y]) {
+                Behind::Constant(colour) => add(open, colour),
+                sky => {
+                    let mut rest = open;
+                    while rest != 0 {
+                        let i = rest.trailing_zeros() as usize;
+                        add(rest & rest.wrapping_neg(), sky.at(frame.camera, frame.pattern.points[i]));
+                        rest &= rest - 1;
+                    }
+                }
+            }
+        }
+        let share = 1.0 / frame.pattern.count as f32;
+        each3(rgb, |c| c * share)
+    }
+
+    /// A pixel sample by sample.
+    #[inline(never)]
+    fn by_samples(&mut self, tile: Resolved<'_>, block: usize, bit: u32, faces: &mut TileFaces) -> [f32; 3] {
+        let frame = tile.frame;
+        let pattern = frame.pattern;
+        let corner = corner_of(tile, block, bit);
+        let pixel = block * BLOCK_PIXELS + bit as usize;
+        let mut behind = [[0.0f32; 3]; 64];
+        let mut open = pattern.full;
+        let mut fill = |mut rest: u64, colour: &dyn Fn(usize) -> [f32; 3]| {
+            while rest != 0 {
+                let i = rest.trailing_zeros() as usize;
+                behind[i] = colour(i);
+                rest &= rest - 1;
+            }
+        };
+        for seen in tile.visible.seen(pixel) {
+            let number = tile.numbers[seen.triangle as usize];
+            let [r, g, b, _] = faces.colour(frame, tile.rect, seen.triangle, number, corner);
+            open &= !seen.mask;
+            fill(seen.mask, &|_| [r, g, b]);
+        }
+        if open != 0 {
+            let sky = Behind::of(frame.camera, frame.environment, corner);
+            fill(open, &|i| sky.at(frame.camera, pattern.points[i]));
+        }
+        let fragments = tile.layers.of_pixel(block, bit, pattern.full);
+        let samples =
+            self.samples.get_or_insert_with(|| Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]));
+        let composed = self.compose.compose(tile, faces, corner, fragments, samples);
+        let mut sum = [0.0f64; 3];
+        for (behind, sample) in behind[..pattern.count].iter().zip(samples.iter()) {
+            let through = match &composed {
+                Composed::Uniform(through) => through,
+                Composed::PerSample => sample,
+            };
+            let colour = through.over(*behind);
+            for c in 0..3 {
+                sum[c] += colour[c];
+            }
+        }
+        let share = 1.0 / pattern.count as f64;
+        each3(sum, |c| (c * share) as f32)
+    }
+}
+
+/// Classes that let the same light through become one.
+#[inline(always)]
+fn join_classes(classes: &mut Vec<Class>) {
+    let mut k = 1;
+    while k < classes.len() {
+        let class = classes[k];
+        match classes[..k].iter().position(|other| other.transmitted.to_bits() == class.transmitted.to_bits()) {
+            Some(other) => {
+                classes[other].mask |= class.mask;
+                classes.swap_remove(k);
+            }
+            None => k += 1,
+        }
+    }
+}
+
+#[inline(always)]
+fn is_before(a: &Met, b: &Met) -> bool {
+    a.q > b.q || (a.q == b.q && a.order > b.order)
+}
+
+/// Whether `front` is in front of `back` wherever they share a sample in the block.
+#[inline(always)]
+fn in_order(tile: Resolved<'_>, block: usize, front: &Layer, back: &Layer) -> bool {
+    let (a, b) = (tile.frame.triangle(front.number).plane(), tile.frame.triangle(back.number).plane());
+    let [x, y] = block_corner(tile.rect, block);
+    match order_over(&a, &b, x, y, BLOCK as i32 * SUBPIXELS) {
+        Some(true) => true,
+        // One plane of the scene: equally near everywhere, and sorted by their order.
+        None if a == b => true,
+        Some(false) | None => !share_samples(tile, front, back),
+    }
+}
+
+/// Whether two layers are seen at one sample.
+#[inline(always)]
+fn share_samples(tile: Resolved<'_>, a: &Layer, b: &Layer) -> bool {
+    let common = a.touched & b.touched;
+    if common & (a.full | b.full) != 0 {
+        return true;
+    }
+    let mut rest = common;
+    while rest != 0 {
+        let bit = rest.trailing_zeros();
+        rest &= rest - 1;
+        if tile.layers.mask(a, bit, u64::MAX) & tile.layers.mask(b, bit, u64::MAX) != 0 {
+            return true;
+        }
+    }
+    false
+}
+
+/// Pixels that at least two of some layers touch.
+#[inline(always)]
+fn shared(layers: &[Layer]) -> u64 {
+    let (mut once, mut twice) = (0, 0);
+    for layer in layers {
+        twice |= once & layer.touched;
+        once |= layer.touched;
+    }
+    twice
+}
+
+/// Upper left of a block's pixel, sub.
+#[inline(always)]
+fn corner_of(tile: Resolved<'_>, block: usize, bit: u32) -> [i32; 2] {
+    let [x, y] = block_corner(tile.rect, block);
+    [x + (bit % BLOCK) as i32 * SUBPIXELS, y + (bit / BLOCK) as i32 * SUBPIXELS]
+}
+
+/// Saturations are in 0..=1; NaN counts as 0.
+#[inline(always)]
+fn saturation(alpha: f32) -> f32 {
+    let alpha = if alpha > 0.0 { alpha } else { 0.0 };
+    if alpha < 1.0 { alpha } else { 1.0 }
+}
+
+/// A face's colour in a pixel in general.
+fn general(tile: Resolved<'_>, block: usize, layer: &Layer, faces: &mut TileFaces, bit: u32) -> [f32; 4] {
+    faces.colour(tile.frame, tile.rect, layer.place, layer.number, corner_of(tile, block, bit))
+}
+
+/// Saturation of a layer in 16 pixels of each of the block's four groups.
+#[derive(Clone, Copy)]
+enum Alpha {
+    One(f32),
+    Each([f32; BLOCK_PIXELS]),
+}
+
+/// Linear RGB and saturation of a layer in `pixels` of a block, all samples of which it covers.
+#[inline(always)]
+fn colours<S: Simd>(
+    simd: S,
+    tile: Resolved<'_>,
+    block: usize,
+    layer: &Layer,
+    faces: &mut TileFaces,
+    pixels: u64,
+) -> ([[f32x16<S>; 4]; 3], Alpha) {
+    match faces.look(tile.frame, tile.rect, layer.place, layer.number) {
+        Look::Constant([r, g, b, alpha], _) => {
+            (each3([r, g, b], |c| [f32x16::splat(simd, c); 4]), Alpha::One(saturation(alpha)))
+        }
+        Look::ByNormal(index) => {
+            let face = faces.by_normal(index);
+            (face.block(simd, tile.frame, block), Alpha::One(saturation(face.alpha())))
+        }
+        Look::General => {
+            let mut each = [[0.0f32; BLOCK_PIXELS]; 4];
+            let mut rest = pixels;
+            while rest != 0 {
+                let bit = rest.trailing_zeros();
+                rest &= rest - 1;
+                let colour = general(tile, block, layer, faces, bit);
+                for c in 0..4 {
+                    each[c][bit as usize] = colour[c];
+                }
+                each[3][bit as usize] = saturation(colour[3]);
+            }
+            let load = |c: usize| {
+                let c = &each[c];
+                [
+                    f32x16::from_slice(simd, &c[..16]),
+                    f32x16::from_slice(simd, &c[16..32]),
+                    f32x16::from_slice(simd, &c[32..48]),
+                    f32x16::from_slice(simd, &c[48..]),
+                ]
+            };
+            ([load(0), load(1), load(2)], Alpha::Each(each[3]))
+        }
+    }
+}
+
+/// Adds a layer behind those before it.
+#[inline(always)]
+fn add<S: Simd>(simd: S, out: &mut BlockLight, pixels: u64, colours: &[[f32x16<S>; 4]; 3], alpha: Alpha) {
+    for group in 0..4 {
+        let bits = pixels >> (group * 16) & 0xffff;
+        if bits == 0 {
+            continue;
+        }
+        let range = group * 16..group * 16 + 16;
+        let alpha = match &alpha {
+            Alpha::One(alpha) => f32x16::splat(simd, *alpha),
+            Alpha::Each(each) => f32x16::from_slice(simd, &each[range.clone()]),
+        };
+        let transmitted = f32x16::from_slice(simd, &out.transmitted[range.clone()]);
+        // What isn't touched lets everything through.
+        let alpha = mask32x16::from_bitmask(simd, bits).select(alpha, f32x16::splat(simd, 0.0));
+        let part = alpha * transmitted;
+        (transmitted * (f32x16::splat(simd, 1.0) - alpha)).store_slice(&mut out.transmitted[range.clone()]);
+        for c in 0..3 {
+            let to = &mut out.rgb[c][range.clone()];
+            // Colours of pixels that aren't touched are finite: they count zero times.
+            (f32x16::from_slice(simd, to) + colours[c][group] * part).store_slice(to);
+        }
+    }
+}
