@@ -29,6 +29,8 @@ pub struct Pattern {
     pub points_x: [i32; 64],
     /// Their y alone.
     pub points_y: [i32; 64],
+    /// Both once more, as numbers that positions are computed with.
+    pub points_f64: [[f64; 64]; 2],
     /// The mask that has all points.
     pub full: u64,
     /// Smallest coordinate of any point; by symmetry 256 − `low` is the largest.
@@ -59,6 +61,7 @@ impl Pattern {
             points: [[0; 2]; 64],
             points_x: [0; 64],
             points_y: [0; 64],
+            points_f64: [[0.0; 64]; 2],
             full: u64::MAX >> (64 - count),
             low: SUBPIXELS / 2 / count as i32,
         };
@@ -77,6 +80,8 @@ impl Pattern {
         i = 0;
         while i < count {
             [pattern.points_x[i], pattern.points_y[i]] = pattern.points[i];
+            pattern.points_f64[0][i] = pattern.points_x[i] as f64;
+            pattern.points_f64[1][i] = pattern.points_y[i] as f64;
             i += 1;
         }
         pattern

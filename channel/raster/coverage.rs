@@ -309,6 +309,15 @@ impl<'a> TileCover<'a> {
         mask
     }
 
+    /// Whether the triangle covers a pixel's centre.
+    #[inline(always)]
+    pub fn covers_centre(&self, block: usize, pixel: u32) -> bool {
+        let [x, y] = self.block_corner(block);
+        let half = SUBPIXELS / 2;
+        let (x, y) = (x + (pixel % BLOCK) as i32 * SUBPIXELS, y + (pixel / BLOCK) as i32 * SUBPIXELS);
+        self.edges.covers(x + half, y + half)
+    }
+
     #[inline(always)]
     fn make_table<S: Simd>(&self, simd: S, k: usize, gains: &mut [i32; 64]) {
         let (a, b) = (self.edges.a[k] as i32, self.edges.b[k] as i32);

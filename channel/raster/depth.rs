@@ -16,7 +16,7 @@ use super::coverage::BLOCK;
 use crate::geometry::setup::{Plane, Triangle};
 use crate::samples::{Pattern, SUBPIXELS};
 use crate::simd::each4;
-use fearless_simd::{Simd, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x16, f64x8, prelude::*};
 
 /// Bound on the rounding of all evaluations that a comparison replaces, relative to the sum of the magnitudes of their
 /// terms. Each takes three operations, each wrong by 2⁻⁵³ at most; this is several times as much as can add up.
@@ -69,6 +69,38 @@ pub fn in_front(
         front |= u64::from(is_front) << i;
     }
     front
+}
+
+/// What [`in_front`] says, for eight samples at once where the pixel as a whole doesn't decide.
+#[inline(always)]
+pub fn fronts<S: Simd>(
+    simd: S,
+    pattern: &Pattern,
+    a: &Triangle,
+    b: &Triangle,
+    x: i32,
+    y: i32,
+    mask: u64,
+    a_wins_ties: bool,
+) -> u64 {
+    let (pa, pb) = (a.plane(), b.plane());
+    match order_over(&pa, &pb, x, y, SUBPIXELS) {
+        Some(true) => return mask,
+        Some(false) => return 0,
+        None => {}
+    }
+    let splat = |c: f64| f64x8::splat(simd, c);
+    let mut front = 0;
+    for from in (0..pattern.count).step_by(8) {
+        let px = f64x8::from_slice(simd, &pattern.points_f64[0][from..from + 8]);
+        let py = f64x8::from_slice(simd, &pattern.points_f64[1][from..from + 8]);
+        // Differences of positions are whole numbers: exact in whatever order they are added.
+        let qa = ((px + f64::from(x - pa.x)) * pa.dx + (py + f64::from(y - pa.y)) * pa.dy) + splat(pa.q);
+        let qb = ((px + f64::from(x - pb.x)) * pb.dx + (py + f64::from(y - pb.y)) * pb.dy) + splat(pb.q);
+        let wins = if a_wins_ties { qa.simd_ge(qb) } else { qa.simd_gt(qb) };
+        front |= wins.to_bitmask() << from;
+    }
+    front & mask
 }
 
 /// Whether plane `a` is in front of `b` everywhere in a square of `side` sub at (x, y), or behind; `None` if that isn't sure.
@@ -180,9 +212,48 @@ impl BlockDepth {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::setup::{Flags, WHOLE_FACE};
     use crate::oracle::Random;
     use crate::simd::every_level;
     use proto::view::Samples;
+
+    #[test]
+    fn eight_samples_at_once_are_ordered_as_one_by_one() {
+        let mut random = Random(0xF407);
+        let mut crossing = 0;
+        for round in 0..4000 {
+            let pattern = Pattern::of([Samples::One, Samples::Four, Samples::Eight, Samples::SixtyFour][round % 4]);
+            let [x, y] = [0; 2].map(|_| random.below(1 << 20) as i32);
+            let slope = 10f64.powi(random.below(12) as i32 - 12);
+            let level = [1.0, 1e-6][round % 2] * random.signed();
+            let faces: Vec<Triangle> = (0..2)
+                .map(|_| {
+                    // Corners near the pixel, so that planes cross in it; coarse numbers, so that some are equal.
+                    let corner = [x, y].map(|c| c + random.below(256) as i32);
+                    let coarse = |n: f64| (n * 8.0).round() / 8.0;
+                    let plane = Plane {
+                        q: 1.0 + level + coarse(random.signed()) * slope * 100.0,
+                        dx: slope * coarse(random.signed()),
+                        dy: slope * coarse(random.signed()),
+                        x: corner[0],
+                        y: corner[1],
+                    };
+                    let (xs, ys) = ([corner[0], corner[0] + 999, corner[0]], [corner[1], corner[1], corner[1] + 999]);
+                    Triangle::new(xs, ys, &plane, 0, 0, WHOLE_FACE, Flags(0))
+                })
+                .collect();
+            let mask = random.next() & pattern.full;
+            for wins in [false, true] {
+                let one = in_front(pattern, &faces[0], &faces[1], x, y, mask, || wins);
+                crossing += usize::from(one != 0 && one != mask);
+                for level in every_level() {
+                    let eight = fearless_simd::dispatch!(level, simd => fronts(simd, pattern, &faces[0], &faces[1], x, y, mask, wins));
+                    assert_eq!(eight, one, "{level:?}: {faces:?}");
+                }
+            }
+        }
+        assert!(crossing > 100, "{crossing} pixels in which planes cross");
+    }
 
     #[test]
     fn bounds_of_blocks_hold_at_every_sample_and_level() {

@@ -17,14 +17,16 @@ use super::compose::{Composed, Layers, Through};
 use super::gather::Layer;
 use crate::geometry::setup::Flags;
 use crate::raster::coverage::{BLOCK, BLOCK_PIXELS};
-use crate::raster::depth::{in_front, order_over};
+use crate::raster::depth::{fronts, in_front, order_over};
 use crate::raster::opaque::block_corner;
+use crate::raster::visible::Seen;
 use crate::resolve::background::Behind;
 use crate::resolve::tile::Resolved;
 use crate::samples::SUBPIXELS;
 use crate::shade::tile::{Look, TileFaces};
 use crate::simd::each3;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
+use std::ops::Range;
 
 /// A block's light so far, and what still comes through, for pixels whose samples are alike.
 #[derive(Debug)]
@@ -54,6 +56,7 @@ struct Class {
 #[derive(Clone, Copy, Debug)]
 struct Met {
     layer: usize,
+    mask: u64,
     q: f64,
     order: u64,
 }
@@ -63,10 +66,15 @@ struct Met {
 pub struct Blender {
     /// For each layer the first of its run.
     run_starts: Vec<usize>,
-    /// Colours of the layers of a run in the block's pixels.
-    run_colours: Vec<[[f32; BLOCK_PIXELS]; 3]>,
+    /// Colours of the block's layers in its pixels, of those that are asked for one by one.
+    colours: Vec<[[f32; BLOCK_PIXELS]; 3]>,
+    /// Saturations of the layers; NaN where it isn't one all over a face.
+    alphas: Vec<f32>,
     met: Vec<Met>,
+    ordered: Vec<Met>,
     classes: Vec<Class>,
+    /// What is behind a pixel's layers.
+    behind: Vec<Seen>,
     compose: Layers,
     samples: Option<Box<[Through; 64]>>,
 }
@@ -109,7 +117,7 @@ impl Blender {
             let rgb = if is_modelled {
                 self.by_samples(tile, block, bit, faces)
             } else {
-                self.by_classes(tile, block, bit, faces)
+                self.by_classes(simd, tile, block, bit, faces)
             };
             for c in 0..3 {
                 out.rgb[c][bit as usize] = rgb[c];
@@ -179,7 +187,7 @@ impl Blender {
 
     /// The layers of a range that are in a pixel, nearest at its centre first.
     #[inline(always)]
-    fn meet(&mut self, tile: Resolved<'_>, block: usize, bit: u32, range: std::ops::Range<usize>) {
+    fn meet(&mut self, tile: Resolved<'_>, block: usize, bit: u32, range: Range<usize>) {
         let layers = tile.layers.block(block);
         let [x, y] = corner_of(tile, block, bit);
         let centre = SUBPIXELS / 2;
@@ -188,7 +196,7 @@ impl Blender {
             let layer = &layers[k];
             if layer.touched >> bit & 1 != 0 {
                 let q = tile.frame.triangle(layer.number).plane().at(x + centre, y + centre);
-                let met = Met { layer: k, q, order: layer.order };
+                let met = Met { layer: k, mask: tile.frame.pattern.full, q, order: layer.order };
                 // They are nearly sorted: insertion.
                 let mut at = self.met.len();
                 while at > 0 && is_before(&met, &self.met[at - 1]) {
@@ -211,6 +219,10 @@ impl Blender {
         out: &mut BlockLight,
     ) {
         let layers = tile.layers.block(block);
+        if self.colours.len() < layers.len() {
+            self.colours.resize(layers.len(), [[0.0; BLOCK_PIXELS]; 3]);
+            self.alphas.resize(layers.len(), f32::NAN);
+        }
         let mut start = 0;
         while start < layers.len() {
             let mut end = start + 1;
@@ -218,22 +230,17 @@ impl Blender {
                 end += 1;
             }
             let several = if end - start > 1 { shared(&layers[start..end]) & !mixed } else { 0 };
-            if several != 0 {
-                self.run_colours.resize(end - start, [[0.0; BLOCK_PIXELS]; 3]);
-            }
             for (k, layer) in layers[start..end].iter().enumerate() {
-                let pixels = layer.touched & !mixed;
-                if pixels == 0 {
-                    continue;
-                }
-                let (colours, alpha) = colours(simd, tile, block, layer, faces, pixels);
-                add(simd, out, pixels & !several, &colours, alpha);
-                if pixels & several != 0 {
+                let (colours, alpha) = colours(simd, tile, block, layer, faces);
+                add(simd, out, layer.touched & !mixed & !several, &colours, &alpha);
+                if layer.touched & (several | mixed) != 0 {
                     for c in 0..3 {
                         for group in 0..4 {
-                            colours[c][group].store_slice(&mut self.run_colours[k][c][group * 16..group * 16 + 16]);
+                            let to = &mut self.colours[start + k][c][group * 16..group * 16 + 16];
+                            colours[c][group].store_slice(to);
                         }
                     }
+                    self.alphas[start + k] = if let Alpha::One(alpha) = alpha { alpha } else { f32::NAN };
                 }
             }
             let mut rest = several;
@@ -244,14 +251,11 @@ impl Blender {
                 let i = bit as usize;
                 for met in &self.met {
                     let layer = &layers[met.layer];
-                    let alpha = faces.look(tile.frame, tile.rect, layer.place, layer.number).alpha(faces);
-                    let alpha = match alpha {
-                        Some(alpha) => saturation(alpha),
-                        None => saturation(general(tile, block, layer, faces, bit)[3]),
-                    };
+                    let alpha = self.alphas[met.layer];
+                    let alpha = if alpha.is_nan() { saturation(general(tile, block, layer, faces, bit)[3]) } else { alpha };
                     let part = alpha * out.transmitted[i];
                     for c in 0..3 {
-                        out.rgb[c][i] += self.run_colours[met.layer - start][c][i] * part;
+                        out.rgb[c][i] += self.colours[met.layer][c][i] * part;
                     }
                     out.transmitted[i] *= 1.0 - alpha;
                 }
@@ -261,39 +265,41 @@ impl Blender {
     }
 
     /// A pixel whose layers aren't seen at all samples alike, in the order of the block where that is proven.
-    #[inline(never)]
-    fn by_classes(&mut self, tile: Resolved<'_>, block: usize, bit: u32, faces: &mut TileFaces) -> [f32; 3] {
+    #[inline(always)]
+    fn by_classes<S: Simd>(
+        &mut self,
+        simd: S,
+        tile: Resolved<'_>,
+        block: usize,
+        bit: u32,
+        faces: &mut TileFaces,
+    ) -> [f32; 3] {
         let layers = tile.layers.block(block);
         let frame = tile.frame;
         let full = frame.pattern.full;
-        // Two layers of one run in this pixel: their order is not known, unless they share no sample.
-        let mut last: Option<(usize, u64)> = None;
+        let [x, y] = corner_of(tile, block, bit);
+        self.met.clear();
         for (k, layer) in layers.iter().enumerate() {
-            if layer.touched >> bit & 1 == 0 {
-                continue;
-            }
-            let (run, mask) = (self.run_starts[k], tile.layers.mask(layer, bit, full));
-            match &mut last {
-                Some((before, masks)) if *before == run => {
-                    if *masks & mask != 0 {
-                        return self.by_samples(tile, block, bit, faces);
-                    }
-                    *masks |= mask;
-                }
-                _ => last = Some((run, mask)),
+            if layer.touched >> bit & 1 != 0 {
+                let mask = tile.layers.mask(layer, bit, full);
+                self.met.push(Met { layer: k, mask, q: layer.q, order: layer.order });
             }
         }
-        let [x, y] = corner_of(tile, block, bit);
+        self.order_pixel(simd, tile, block, [x, y]);
         let mut rgb = [0.0f32; 3];
         self.classes.clear();
         self.classes.push(Class { mask: full, transmitted: 1.0 });
-        for layer in layers {
-            if layer.touched >> bit & 1 == 0 {
-                continue;
-            }
-            let mask = tile.layers.mask(layer, bit, full);
-            let [r, g, b, alpha] = faces.colour(frame, tile.rect, layer.place, layer.number, [x, y]);
-            let alpha = saturation(alpha);
+        for met in &self.met {
+            let (layer, mask) = (&layers[met.layer], met.mask);
+            let alpha = self.alphas[met.layer];
+            // What covers the centre is shaded there, and that has been done.
+            let [r, g, b, alpha] = if layer.centre >> bit & 1 != 0 && !alpha.is_nan() {
+                let colours = &self.colours[met.layer];
+                [colours[0][bit as usize], colours[1][bit as usize], colours[2][bit as usize], alpha]
+            } else {
+                let [r, g, b, alpha] = faces.colour(frame, tile.rect, layer.place, layer.number, [x, y]);
+                [r, g, b, saturation(alpha)]
+            };
             let mut weight = 0.0;
             for k in 0..self.classes.len() {
                 let class = self.classes[k];
@@ -326,18 +332,15 @@ impl Blender {
                 }
             }
         };
-        let mut seen: [(u64, u32); 64] = [(0, 0); 64];
-        let mut count = 0;
-        for s in tile.visible.seen(pixel) {
-            seen[count] = (s.mask, s.triangle);
-            count += 1;
-            open &= !s.mask;
-        }
+        self.behind.clear();
+        self.behind.extend(tile.visible.seen(pixel));
         // In the order of their first samples: the order in which they were found has no say.
-        seen[..count].sort_unstable_by_key(|(mask, _)| mask.trailing_zeros());
-        for (mask, place) in &seen[..count] {
-            let [r, g, b, _] = faces.colour(frame, tile.rect, *place, tile.numbers[*place as usize], [x, y]);
-            add(*mask, [r, g, b]);
+        self.behind.sort_unstable_by_key(|seen| seen.mask.trailing_zeros());
+        for seen in &self.behind {
+            let number = tile.numbers[seen.triangle as usize];
+            let [r, g, b, _] = faces.colour(frame, tile.rect, seen.triangle, number, [x, y]);
+            add(seen.mask, [r, g, b]);
+            open &= !seen.mask;
         }
         if open != 0 {
             match Behind::of(frame.camera, frame.environment, [x, y]) {
@@ -354,6 +357,79 @@ impl Blender {
         }
         let share = 1.0 / frame.pattern.count as f32;
         each3(rgb, |c| c * share)
+    }
+
+    /// Puts the layers met in the pixel whose upper left is (x, y) sub in an order that holds at every sample that two of
+    /// them share; layers that cross within the pixel are met in parts.
+    #[inline(always)]
+    fn order_pixel<S: Simd>(&mut self, simd: S, tile: Resolved<'_>, block: usize, corner: [i32; 2]) {
+        // Between runs the block's order holds. Within one it must be looked at if layers share a sample.
+        let mut start = 0;
+        while start < self.met.len() {
+            let run = self.run_starts[self.met[start].layer];
+            let mut end = start;
+            let (mut once, mut twice) = (0, 0);
+            while end < self.met.len() && self.run_starts[self.met[end].layer] == run {
+                twice |= once & self.met[end].mask;
+                once |= self.met[end].mask;
+                end += 1;
+            }
+            if twice != 0 {
+                end = self.order_run(simd, tile, block, start..end, corner);
+            }
+            start = end;
+        }
+    }
+
+    /// The same for some of the layers met, which are of one run; returns where they end now.
+    #[inline(always)]
+    fn order_run<S: Simd>(
+        &mut self,
+        simd: S,
+        tile: Resolved<'_>,
+        block: usize,
+        range: Range<usize>,
+        [x, y]: [i32; 2],
+    ) -> usize {
+        let frame = tile.frame;
+        let layers = tile.layers.block(block);
+        let centre = SUBPIXELS / 2;
+        let met = &mut self.met[range.clone()];
+        for met in met.iter_mut() {
+            met.q = frame.triangle(layers[met.layer].number).plane().at(x + centre, y + centre);
+        }
+        met.sort_unstable_by(|a, b| b.q.total_cmp(&a.q).then(b.order.cmp(&a.order)));
+        // One after the other goes to its place: at each sample before the first that it is in front of. What is in place is
+        // in order at each sample, so that it is in front of the rest as well.
+        self.ordered.clear();
+        for own in met.iter() {
+            let triangle = frame.triangle(layers[own.layer].number);
+            let mut left = own.mask;
+            let mut at = 0;
+            while at < self.ordered.len() && left != 0 {
+                let other = self.ordered[at];
+                let both = other.mask & left;
+                let front = if both == 0 {
+                    0
+                } else {
+                    let wins_ties = own.order > other.order;
+                    let other = frame.triangle(layers[other.layer].number);
+                    fronts(simd, frame.pattern, triangle, other, x, y, both, wins_ties)
+                };
+                if front != 0 {
+                    self.ordered.insert(at, Met { mask: front, ..*own });
+                    left &= !front;
+                    at += 1;
+                }
+                at += 1;
+            }
+            if left != 0 {
+                self.ordered.push(Met { mask: left, ..*own });
+            }
+        }
+        let end = range.start + self.ordered.len();
+        self.met.splice(range, self.ordered.drain(..));
+        end
     }
 
     /// A pixel sample by sample.
@@ -491,7 +567,7 @@ enum Alpha {
     Each([f32; BLOCK_PIXELS]),
 }
 
-/// Linear RGB and saturation of a layer in `pixels` of a block, all samples of which it covers.
+/// Linear RGB and saturation of a layer in the pixels of a block whose centres it covers.
 #[inline(always)]
 fn colours<S: Simd>(
     simd: S,
@@ -499,7 +575,6 @@ fn colours<S: Simd>(
     block: usize,
     layer: &Layer,
     faces: &mut TileFaces,
-    pixels: u64,
 ) -> ([[f32x16<S>; 4]; 3], Alpha) {
     match faces.look(tile.frame, tile.rect, layer.place, layer.number) {
         Look::Constant([r, g, b, alpha], _) => {
@@ -511,7 +586,7 @@ fn colours<S: Simd>(
         }
         Look::General => {
             let mut each = [[0.0f32; BLOCK_PIXELS]; 4];
-            let mut rest = pixels;
+            let mut rest = layer.full;
             while rest != 0 {
                 let bit = rest.trailing_zeros();
                 rest &= rest - 1;
@@ -537,14 +612,14 @@ fn colours<S: Simd>(
 
 /// Adds a layer behind those before it.
 #[inline(always)]
-fn add<S: Simd>(simd: S, out: &mut BlockLight, pixels: u64, colours: &[[f32x16<S>; 4]; 3], alpha: Alpha) {
+fn add<S: Simd>(simd: S, out: &mut BlockLight, pixels: u64, colours: &[[f32x16<S>; 4]; 3], alpha: &Alpha) {
     for group in 0..4 {
         let bits = pixels >> (group * 16) & 0xffff;
         if bits == 0 {
             continue;
         }
         let range = group * 16..group * 16 + 16;
-        let alpha = match &alpha {
+        let alpha = match alpha {
             Alpha::One(alpha) => f32x16::splat(simd, *alpha),
             Alpha::Each(each) => f32x16::from_slice(simd, &each[range.clone()]),
         };

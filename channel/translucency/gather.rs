@@ -30,6 +30,8 @@ pub struct Layer {
     pub touched: u64,
     /// Of these, those where it is seen at all samples.
     pub full: u64,
+    /// Of these, those whose centre it covers.
+    pub centre: u64,
     /// Where the samples of the others begin, in the order of their bits.
     first_mask: u32,
     /// Inverse distance at the block's middle, 1/m.
@@ -160,6 +162,7 @@ pub fn gather<S: Simd>(
             let first_mask = layers.masks.len() as u32;
             let mut seen = if has_holes { 0 } else { touched & covered.full & depths.front };
             let mut full = seen;
+            let mut centre = seen;
             let mut rest = touched & !seen;
             while rest != 0 {
                 let bit = rest.trailing_zeros();
@@ -175,6 +178,7 @@ pub fn gather<S: Simd>(
                     continue;
                 }
                 seen |= 1 << bit;
+                centre |= u64::from(is_full || cover.covers_centre(block, bit)) << bit;
                 if mask == pattern.full {
                     full |= 1 << bit;
                 } else {
@@ -191,6 +195,7 @@ pub fn gather<S: Simd>(
                 number,
                 touched: seen,
                 full,
+                centre,
                 first_mask,
                 q: middle(&plane, x, y),
                 order: frame.order(number),
