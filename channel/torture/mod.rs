@@ -4,6 +4,7 @@
 //! Every picture is drawn with `oracle::draw`, which asserts that no pixel is missing and each is a finite number.
 
 mod coverage;
+mod cut;
 mod depth;
 mod faces;
 mod numbers;
