@@ -9,8 +9,8 @@
 //! Where the corners are is shown apart, by rational arithmetic.
 //!
 //! Rounding may make the outline of a sliver cross itself. No fan of triangles is such a figure, and there is no right
-//! answer: where it lies turned over, its neighbours overlap already. These are counted, about one in 7000, and a sample on four
-//! of them is drawn otherwise than the outline says.
+//! answer: where it lies turned over, its neighbours overlap already. These are counted, about one in 7000; of every four, one has
+//! a sample that is drawn otherwise than the outline says.
 
 use super::{mesh_of_face, random_vector, report, snapped};
 use crate::geometry::camera::Camera;

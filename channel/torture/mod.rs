@@ -6,6 +6,7 @@
 mod coverage;
 mod cut;
 mod depth;
+mod drift;
 mod faces;
 mod numbers;
 mod space;
