@@ -5,7 +5,7 @@ use manager::scene::split::{Primitive, split};
 use manager::scene::{Extras, NodeSource, Parts, PieceSource};
 use proto::frame::Background;
 use proto::ids::ModelId;
-use proto::scene::{LightKind, LightRow, ModelPart, ModelRow, NO_PLANE, PlaneRow};
+use proto::scene::{Filter, LightKind, LightRow, ModelPart, ModelRow, NO_PLANE, PlaneRow, TextureUse, Wrap};
 use reference::screen::{Piece, Screen};
 
 #[test]
@@ -89,6 +89,56 @@ fn the_lights_of_a_scene_are_the_references() {
         let report = report(&content, &state, &view);
         assert!(report.all.max_255 <= 1.0, "round {round}: {report}");
     }
+}
+
+#[test]
+fn two_sets_of_texture_coordinates_with_transformations_are_the_references() {
+    let mut random = Random(25);
+    let mut content = Content::default();
+    let texture = Texture {
+        width: 8,
+        height: 8,
+        texels: (0..64).map(|_| [0; 4].map(|_| 64 + random.below(192) as u8)).collect(),
+    };
+    let id = ContentId([7; 16]);
+    content.textures.insert(id, Arc::new(texture));
+    let of_set = |set: u32, random: &mut Random| TextureUse {
+        texture: id,
+        set,
+        transform: [0; 2].map(|_| [0; 3].map(|_| random.between(-1.0, 1.0) as f32)),
+        wrap_u: Wrap::Repeat,
+        wrap_v: Wrap::Mirror,
+        magnify: Filter::Linear,
+    };
+    for k in 0..6 {
+        let z = -2.0 - 0.5 * f64::from(k);
+        let points = [[-3.0, -2.0], [3.0, -2.5], [0.5, 2.5]].map(|[x, y]| DVec3::new(x, y, z) + random.vector(0.7));
+        let material = Material {
+            base_color: [0.8, 0.8, 0.8, 0.5],
+            alpha: Alpha::Blend,
+            double_sided: true,
+            emissive: [0.3; 3],
+            base_texture: Some(of_set(1 - k % 2, &mut random)),
+            emissive_texture: Some(of_set(k % 2, &mut random)),
+            ..Material::default()
+        };
+        let mut mesh = mesh(&points, material);
+        mesh.texcoords = (0..2).map(|_| (0..3).map(|_| [0; 2].map(|_| random.unit() as f32)).collect()).collect();
+        content.add(mesh, DAffine3::IDENTITY);
+    }
+    let view = view(96, 64, Tangents::symmetric(60.0, 96, 64), Samples::Sixteen);
+    let state = state(Pose::IDENTITY);
+    let truth = content.reference(&state, &view);
+    let (linear, _) = content.draw(&state, &view);
+    let report = compare(Shown::Linear(&linear), &truth);
+    println!("two sets of coordinates\n{report}");
+    assert!(report.magnified.pixels > 1000 && report.magnified.p99_255 <= 1.0, "{report}");
+    // It would be seen if the sets were mistaken for each other.
+    for mesh in content.meshes.values_mut() {
+        Arc::make_mut(mesh).texcoords.swap(0, 1);
+    }
+    let mistaken = compare(Shown::Linear(&linear), &content.reference(&state, &view));
+    assert!(mistaken.magnified.rms_255 > 3.0, "{mistaken}");
 }
 
 #[test]
