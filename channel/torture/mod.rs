@@ -4,7 +4,9 @@
 //! Every picture is drawn with `oracle::draw`, which asserts that no pixel is missing and each is a finite number.
 
 mod coverage;
+mod cut;
 mod depth;
+mod drift;
 mod faces;
 mod numbers;
 mod space;

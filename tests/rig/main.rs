@@ -13,3 +13,4 @@ mod hostile;
 mod lifecycle;
 mod pictures;
 mod program;
+mod transition;

@@ -6,6 +6,14 @@
 //! with the plane of its largest face. Neighbours in a finely curved surface nearly coincide, and chained they would
 //! flatten it; they are never chained, because neighbours don't overlap.
 //!
+//! Faces that only touch, where an apron's edge ends within a taxiway's, overlap by slivers once their vertices are
+//! rounded; there the layer must decide as well. So groups that touch are given one plane too, but only as far as it is true
+//! of all their faces: from the largest face outwards, group by group, as long as all of a group lies in that face's
+//! plane. A border that follows a curve ends there, and no group loses a face by it. Neighbours whose border ends
+//! in the same corners never need it, nor do faces of one primitive, which continue each other's colours. So a flat net costs
+//! nothing, and few faces that stand alone get their depth from another's plane, which differs from their own by the rounding of their
+//! outline: as much as what stands on them may move.
+//!
 //! Faces of one mesh are compared in the mesh's space, once for all objects that show it. Faces of two objects are
 //! compared where the file puts them, if both stay there for ever (`static`), in a frame that has the world's axes and one
 //! object's origin, so that what coincides does so at any distance from the world's origin. Objects that stand alike
@@ -20,7 +28,7 @@ mod tree;
 
 use super::bounds;
 use super::database::{Object, Shape};
-use face::{Face, TOLERANCE};
+use face::{Contact, Face, TOLERANCE};
 use glam::DAffine3;
 use proto::ids::{ContentId, ObjectId};
 use proto::scene::{Box3, Mesh, NO_PLANE, PlaneRow, SceneTable};
@@ -34,7 +42,7 @@ use tree::{BoxTree, touch};
 const FACE_PAIRS_MAX: usize = 1 << 26;
 /// Most pairs of objects that are looked into.
 const OBJECT_PAIRS_MAX: usize = 1 << 22;
-/// Most pairs of faces lying over each other that are kept for a mesh or two objects.
+/// Most pairs of faces lying over or beside each other that are kept for a mesh or two objects.
 const FOUND_MAX: usize = 1 << 22;
 /// Most faces that have planes, over all objects: 64 MB of table.
 const FACES_MAX: usize = 1 << 24;
@@ -46,6 +54,35 @@ const GROUP_TOLERANCE: f64 = 4.0;
 /// A face of an object: subobject and triangle. In the order of the file.
 type Name = (u32, u32);
 
+/// Pairs of faces that are to share a plane.
+#[derive(Clone, Debug, Default)]
+struct Links {
+    /// They lie over each other.
+    areas: Vec<(Name, Name)>,
+    /// They touch.
+    borders: Vec<(Name, Name)>,
+}
+
+impl Links {
+    fn add(&mut self, contact: Contact, a: Name, b: Name) {
+        match contact {
+            Contact::Nothing => {}
+            Contact::Border => self.borders.push((a, b)),
+            Contact::Area => self.areas.push((a, b)),
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.areas.len() + self.borders.len()
+    }
+
+    fn append(&mut self, more: &Self, name: impl Fn(Name) -> Name) {
+        let named = |&(a, b): &(Name, Name)| (name(a), name(b));
+        self.areas.extend(more.areas.iter().map(named));
+        self.borders.extend(more.borders.iter().map(named));
+    }
+}
+
 /// Fills in the planes of `table`, whose objects and subobjects are those of `objects`.
 pub(super) fn find(
     objects: &[Object],
@@ -55,16 +92,17 @@ pub(super) fn find(
     warnings: &mut Vec<String>,
 ) {
     let searched: Vec<Searched<'_>> = shapes.par_iter().map(|shape| Searched::new(shape, meshes)).collect();
-    let mut search = Search { objects, shapes: searched, table, links: Vec::new(), cut_short: false };
+    let mut search = Search { objects, shapes: searched, table, links: Links::default(), cut_short: false };
     search.within_objects();
     search.between_objects();
     let links = std::mem::take(&mut search.links);
     let cut_short = search.cut_short;
-    let found = search.planes(groups(links));
-    if found.strays > 0 {
+    let (sheets, strays) = search.sheets(groups(links.areas));
+    let found = search.planes(&search.with_single_faces(sheets, &strays, &links.borders), &links.borders);
+    if !strays.is_empty() {
         warnings.push(format!(
             "{} faces lie close to a plane that others share, but not in it; they keep their own depth",
-            found.strays
+            strays.len()
         ));
     }
     if cut_short || found.full {
@@ -77,12 +115,14 @@ pub(super) fn find(
 struct Searched<'a> {
     /// By piece.
     meshes: Vec<&'a Mesh>,
+    /// By piece: which primitive it is of.
+    primitives: Vec<u32>,
     /// By face: piece and triangle.
     faces: Vec<(u32, u32)>,
     /// Over `faces`.
     tree: BoxTree,
     /// Faces that must share a plane, linked by pairs; pieces and triangles.
-    links: Vec<(Name, Name)>,
+    links: Links,
     cut_short: bool,
 }
 
@@ -90,6 +130,7 @@ impl<'a> Searched<'a> {
     fn new(shape: &Shape, meshes: &'a BTreeMap<ContentId, Arc<Mesh>>) -> Self {
         let meshes: Vec<&Mesh> =
             shape.pieces.iter().filter_map(|piece| meshes.get(&piece.mesh)).map(Arc::as_ref).collect();
+        let primitives = shape.pieces.iter().map(|piece| piece.primitive).collect();
         let mut all = Vec::new();
         let mut boxes = Vec::new();
         let mut faces = Vec::new();
@@ -107,7 +148,7 @@ impl<'a> Searched<'a> {
         let items = (0..all.len() as u32).collect();
         let tree = BoxTree::build(&boxes, items);
         drop(boxes);
-        let mut searched = Self { meshes, faces: all, tree, links: Vec::new(), cut_short: false };
+        let mut searched = Self { meshes, primitives, faces: all, tree, links: Links::default(), cut_short: false };
         searched.search(&faces);
         searched
     }
@@ -119,7 +160,7 @@ impl<'a> Searched<'a> {
 
     /// Finds the links; `at_hand` are the first of the faces.
     fn search(&mut self, at_hand: &[Face]) {
-        let mut links = Vec::new();
+        let mut links = Links::default();
         let mut pairs = 0;
         let (mut left, mut right) = (Vec::new(), Vec::new());
         let mut cut_short = false;
@@ -135,8 +176,8 @@ impl<'a> Searched<'a> {
             fill(&mut right, b);
             for (i, (x, face)) in left.iter().enumerate() {
                 for (y, other) in &right[if same { i + 1 } else { 0 }..] {
-                    if touch(&face.bounds, &other.bounds) && face.lies_over(other) {
-                        links.push((self.faces[*x as usize], self.faces[*y as usize]));
+                    if touch(&face.bounds, &other.bounds) {
+                        links.add(face.contact(other), self.faces[*x as usize], self.faces[*y as usize]);
                     }
                 }
             }
@@ -146,8 +187,15 @@ impl<'a> Searched<'a> {
         });
         self.cut_short = cut_short;
         // A chain links as well as all pairs do, and is what each object that shows the shape has to copy.
-        let chain = |group: Vec<Name>| group.windows(2).map(|pair| (pair[0], pair[1])).collect::<Vec<_>>();
-        self.links = groups(links).into_iter().flat_map(chain).collect();
+        let groups = groups(links.areas);
+        let number = numbers(&groups);
+        let is_news = |&(a, b): &(Name, Name)| {
+            let primitive = |name: Name| self.primitives[name.0 as usize];
+            primitive(a) != primitive(b) && (number(a).is_none() || number(a) != number(b))
+        };
+        let borders = links.borders.into_iter().filter(is_news).collect();
+        let chain = |group: &Vec<Name>| group.windows(2).map(|pair| (pair[0], pair[1])).collect::<Vec<_>>();
+        self.links = Links { areas: groups.iter().flat_map(chain).collect(), borders };
     }
 }
 
@@ -181,12 +229,31 @@ fn groups(links: Vec<(Name, Name)>) -> Vec<Vec<Name>> {
     groups.into_values().collect()
 }
 
+/// Which of the lists a face is in.
+fn numbers<'a>(lists: impl IntoIterator<Item = &'a Vec<Name>>) -> impl Fn(Name) -> Option<usize> {
+    let mut all: Vec<(Name, usize)> =
+        lists.into_iter().enumerate().flat_map(|(number, list)| list.iter().map(move |&name| (name, number))).collect();
+    all.sort_unstable();
+    move |name| all.binary_search_by_key(&name, |entry| entry.0).ok().map(|at| all[at].1)
+}
+
 struct Search<'a> {
     objects: &'a [Object],
     shapes: Vec<Searched<'a>>,
     table: &'a SceneTable,
-    links: Vec<(Name, Name)>,
+    links: Links,
     cut_short: bool,
+}
+
+/// Faces that lie over each other, directly or through others, or a single face.
+#[derive(Debug)]
+struct Sheet {
+    /// The largest.
+    leader: Name,
+    /// Its area, twice, m².
+    area: f64,
+    /// All, the leader among them.
+    faces: Vec<Name>,
 }
 
 /// A plane and the faces in it.
@@ -198,8 +265,6 @@ struct Plane {
 #[derive(Default)]
 struct Found {
     planes: Vec<Plane>,
-    /// Faces that were connected with a group, but too far away from its plane.
-    strays: usize,
     /// Whether there were more than [`FACES_MAX`].
     full: bool,
 }
@@ -218,8 +283,7 @@ impl Search<'_> {
                 return;
             }
             let first = object.first_subobject.0;
-            let name = |(piece, triangle): Name| (first + piece, triangle);
-            self.links.extend(shape.links.iter().map(|&(a, b)| (name(a), name(b))));
+            self.links.append(&shape.links, |(piece, triangle)| (first + piece, triangle));
         }
     }
 
@@ -241,17 +305,16 @@ impl Search<'_> {
         });
         pairs.sort_unstable();
         let mut cut_short = pairs.len() >= OBJECT_PAIRS_MAX;
-        let found: Vec<(Vec<(Name, Name)>, bool)> =
-            pairs.par_iter().map(|&(a, b)| self.between(a as usize, b as usize)).collect();
-        let mut links = Vec::new();
+        let found: Vec<(Links, bool)> = pairs.par_iter().map(|&(a, b)| self.between(a as usize, b as usize)).collect();
+        let before = self.links.len();
         for (more, limited) in found {
-            cut_short |= limited || links.len() + more.len() > FACES_MAX;
-            if links.len() + more.len() <= FACES_MAX {
-                links.extend(more);
+            let is_full = self.links.len() - before + more.len() > FACES_MAX;
+            cut_short |= limited || is_full;
+            if !is_full {
+                self.links.append(&more, |name| name);
             }
         }
         self.cut_short |= cut_short;
-        self.links.extend(links);
     }
 
     /// Round an object and the tolerance of its faces, world.
@@ -266,18 +329,20 @@ impl Search<'_> {
     }
 
     /// Faces of one object that must share a plane with faces of another; and whether there was too much to do.
-    fn between(&self, a: usize, b: usize) -> (Vec<(Name, Name)>, bool) {
+    fn between(&self, a: usize, b: usize) -> (Links, bool) {
         // The many are asked by the few.
         let (many, few) = if self.shape(a).faces.len() >= self.shape(b).faces.len() { (a, b) } else { (b, a) };
         let (many_shape, few_shape) = (self.shape(many), self.shape(few));
         let frame = Frame::of(self.table, many);
-        let (Some(around), Some(back)) = (many_shape.tree.bounds(), frame.back()) else { return (Vec::new(), false) };
+        let (Some(around), Some(back)) = (many_shape.tree.bounds(), frame.back()) else {
+            return (Links::default(), false);
+        };
         let here = frame.place(self.table, few);
         let there = frame.place(self.table, many);
         let to_many = back * here.0;
         // What rounding on the way to the many's mesh space may amount to.
         let slack = around.min.abs().max(around.max.abs()).max_element() * 1e-12;
-        let mut links = Vec::new();
+        let mut links = Links::default();
         let pairs = Cell::new(0);
         let in_many = |bounds: Box3| {
             let moved = bounds::box_moved(&to_many, bounds);
@@ -302,8 +367,8 @@ impl Search<'_> {
                                 };
                                 let x = name(few, few_shape.faces[item as usize]);
                                 let y = name(many, many_shape.faces[other as usize]);
-                                if face.lies_over(&theirs.moved(&there.0, there.1)) && self.may_meet(x, y) {
-                                    links.push((x, y));
+                                if self.may_meet(x, y) {
+                                    links.add(face.contact(&theirs.moved(&there.0, there.1)), x, y);
                                 }
                             }
                         },
@@ -329,38 +394,116 @@ impl Search<'_> {
         load(self.shape(object).meshes[piece as usize], name.1 as usize)
     }
 
-    /// The plane of each group: that of its largest face, for all that lie in it.
-    fn planes(&self, groups: Vec<Vec<Name>>) -> Found {
-        let mut found = Found::default();
-        let mut total = 0;
+    fn object(&self, name: Name) -> usize {
+        self.table.subobjects[name.0 as usize].object.0 as usize
+    }
+
+    /// A face where it is in a frame.
+    fn placed(&self, frame: &Frame, name: Name) -> Option<Face> {
+        let (map, stretch) = frame.place(self.table, self.object(name));
+        self.load(name).map(|face| face.moved(&map, stretch))
+    }
+
+    /// Whether a face may have the plane of another.
+    fn may_follow(&self, frame: &Frame, leader: &Face, name: Name) -> bool {
+        self.placed(frame, name)
+            .is_some_and(|face| leader.in_plane(&face.corners, GROUP_TOLERANCE * leader.tolerance.max(face.tolerance)))
+    }
+
+    /// Each group with its largest face and without those that are too far away from that one's plane; and these.
+    fn sheets(&self, groups: Vec<Vec<Name>>) -> (Vec<Sheet>, Vec<Name>) {
+        let (mut sheets, mut strays) = (Vec::new(), Vec::new());
         for group in groups {
-            let object = |name: Name| self.table.subobjects[name.0 as usize].object.0 as usize;
-            let frame = Frame::of(self.table, object(group[0]));
-            let place = |name: Name| {
-                let (map, stretch) = frame.place(self.table, object(name));
-                self.load(name).map(|face| face.moved(&map, stretch))
-            };
+            let frame = Frame::of(self.table, self.object(group[0]));
             let mut largest: Option<(f64, Name)> = None;
             for &name in &group {
-                let area = place(name).map_or(0.0, |face| face.length);
+                let area = self.placed(&frame, name).map_or(0.0, |face| face.length);
                 if largest.is_none_or(|(most, _)| area > most) {
                     largest = Some((area, name));
                 }
             }
-            let Some((_, leader)) = largest else { continue };
-            let (Some(own), frame) = (self.load(leader), Frame::of(self.table, object(leader))) else { continue };
-            let lead_place = frame.place(self.table, object(leader));
-            let lead = own.moved(&lead_place.0, lead_place.1);
-            let before = group.len();
+            let Some((area, leader)) = largest else { continue };
+            let frame = Frame::of(self.table, self.object(leader));
+            let Some(lead) = self.placed(&frame, leader) else { continue };
             let mut faces = group;
             faces.retain(|&name| {
-                let (map, stretch) = frame.place(self.table, object(name));
-                self.load(name).is_some_and(|face| {
-                    let face = face.moved(&map, stretch);
-                    lead.in_plane(&face.corners, GROUP_TOLERANCE * lead.tolerance.max(face.tolerance))
-                })
+                let follows = self.may_follow(&frame, &lead, name);
+                if !follows {
+                    strays.push(name);
+                }
+                follows
             });
-            found.strays += before - faces.len();
+            sheets.push(Sheet { leader, area, faces });
+        }
+        (sheets, strays)
+    }
+
+    /// The sheets, and one for each face that only touches others.
+    fn with_single_faces(&self, mut sheets: Vec<Sheet>, strays: &[Name], borders: &[(Name, Name)]) -> Vec<Sheet> {
+        let mut single: Vec<Name> = borders.iter().flat_map(|&(a, b)| [a, b]).collect();
+        single.sort_unstable();
+        single.dedup();
+        // Strays stay what they are: faces with a depth of their own.
+        let mut known: Vec<Name> = sheets.iter().flat_map(|sheet| &sheet.faces).chain(strays).copied().collect();
+        known.sort_unstable();
+        single.retain(|name| known.binary_search(name).is_err());
+        sheets.extend(single.into_iter().map(|name| {
+            let area = self.placed(&Frame::of(self.table, self.object(name)), name).map_or(0.0, |face| face.length);
+            Sheet { leader: name, area, faces: vec![name] }
+        }));
+        sheets
+    }
+
+    /// The planes: of each sheet, largest first, that of its largest face, also for all sheets that touch it, directly or
+    /// through others, and lie in it.
+    fn planes(&self, sheets: &[Sheet], borders: &[(Name, Name)]) -> Found {
+        let number = numbers(sheets.iter().map(|sheet| &sheet.faces));
+        let mut beside: Vec<(usize, usize)> = borders
+            .iter()
+            .filter_map(|&(a, b)| Some((number(a)?, number(b)?)))
+            .filter(|(a, b)| a != b)
+            .flat_map(|(a, b)| [(a, b), (b, a)])
+            .collect();
+        beside.sort_unstable();
+        beside.dedup();
+        let neighbours = |sheet: usize| {
+            let from = beside.partition_point(|&(a, _)| a < sheet);
+            beside[from..].iter().take_while(move |&&(a, _)| a == sheet).map(|&(_, b)| b)
+        };
+        let mut order: Vec<usize> = (0..sheets.len()).collect();
+        order.sort_by(|&a, &b| sheets[b].area.total_cmp(&sheets[a].area).then(a.cmp(&b)));
+        let mut is_taken = vec![false; sheets.len()];
+        let mut found = Found::default();
+        let (mut total, mut asked) = (0, 0);
+        for first in order {
+            if std::mem::replace(&mut is_taken[first], true) {
+                continue;
+            }
+            let leader = sheets[first].leader;
+            let frame = Frame::of(self.table, self.object(leader));
+            let (Some(own), Some(lead)) = (self.load(leader), self.placed(&frame, leader)) else { continue };
+            let mut faces = Vec::new();
+            let mut open = vec![first];
+            while let Some(sheet) = open.pop() {
+                faces.extend(&sheets[sheet].faces);
+                for next in neighbours(sheet) {
+                    if is_taken[next] {
+                        continue;
+                    }
+                    if asked > FACE_PAIRS_MAX {
+                        found.full = true;
+                        break;
+                    }
+                    let follows = sheets[next].faces.iter().all(|&name| {
+                        asked += 1;
+                        self.may_follow(&frame, &lead, name)
+                    });
+                    if follows {
+                        is_taken[next] = true;
+                        open.push(next);
+                    }
+                }
+            }
             if faces.len() < 2 {
                 continue;
             }
@@ -371,7 +514,7 @@ impl Search<'_> {
             }
             let normal = own.normal / own.length;
             let centre = own.corners.iter().sum::<glam::DVec3>() / 3.0;
-            let row = PlaneRow { object: ObjectId(object(leader) as u32), normal, offset: normal.dot(centre) };
+            let row = PlaneRow { object: ObjectId(self.object(leader) as u32), normal, offset: normal.dot(centre) };
             found.planes.push(Plane { row, faces });
         }
         found

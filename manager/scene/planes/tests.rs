@@ -153,6 +153,68 @@ fn finely_curved_surfaces_have_no_planes() {
 }
 
 #[test]
+fn faces_that_touch_share_a_plane_unless_their_border_ends_in_the_same_corners() {
+    for (name, other, expected) in [
+        ("the whole side, corner to corner", [2.0, 0.0, 2.0, 0.0], (0, 0)),
+        ("a part of the side", [2.0, 0.5, 2.0, 0.0], (1, 2)),
+        // Whose other half touches with a corner.
+        ("a smaller one", [1.5, 0.0, 1.0, 0.0], (1, 3)),
+        ("a corner", [2.0, 2.0, 2.0, 0.0], (0, 0)),
+        ("a hair of a gap", [2.000_001, 0.5, 2.0, 0.0], (1, 2)),
+        ("a gap", [2.001, 0.5, 2.0, 0.0], (0, 0)),
+        ("a step", [2.0, 0.5, 2.0, 0.001], (0, 0)),
+    ] {
+        let mut apart = World::default();
+        apart.add(&squares(&[[0.0, 0.0, 2.0, 0.0]]));
+        apart.add(&squares(&[other]));
+        assert_eq!(count(&apart.scene()), expected, "{name}, two objects");
+        let mut together = World::default();
+        let shape = together.shape(&[squares(&[[0.0, 0.0, 2.0, 0.0]]), squares(&[other])]);
+        together.put(shape, DAffine3::IDENTITY);
+        assert_eq!(count(&together.scene()), expected, "{name}, one mesh");
+        let mut alike = World::default();
+        alike.add(&squares(&[[0.0, 0.0, 2.0, 0.0], other]));
+        assert_eq!(count(&alike.scene()), (0, 0), "{name}, one primitive");
+    }
+}
+
+#[test]
+fn what_touches_what_lies_over_each_other_joins_its_plane() {
+    let mut world = World::default();
+    world.add(&squares(&[[0.0, 0.0, 10.0, 0.0], [0.5, -0.4, 2.0, 0.0]]));
+    world.add(&squares(&[[8.0, 1.0, 6.0, 0.0], [8.4, 0.7, 1.0, 0.0]]));
+    // Two halves and a marking each; of the halves all are linked, over markings and across the border.
+    assert_eq!(count(&world.scene()), (1, 8));
+}
+
+#[test]
+fn a_border_along_a_curve_shares_planes_only_as_far_as_they_are_true() {
+    let dish = |z: f64| (z - 50.0).powi(2) * 1e-5;
+    let left = net(100, |_, z| dish(z));
+    let mut right = net(80, |_, z| dish(z * 1.25));
+    right.positions.iter_mut().for_each(|p| *p = [100.0 + p[0], p[1], p[2] * 1.25]);
+    // A marking within a triangle at the border, far from where the largest faces are.
+    let mut marking = Primitive::default();
+    for (x, z) in [(99.3, 0.8), (99.8, 0.9), (99.8, 0.5)] {
+        marking.positions.push(dvec3(x, dish(0.0) + (dish(1.0) - dish(0.0)) * z, z).as_vec3().to_array());
+    }
+    marking.triangles.push([0, 1, 2]);
+    let mut world = World::default();
+    let whole = world.shape(&[left, right, marking]);
+    world.put(whole, DAffine3::IDENTITY);
+    let scene = world.scene();
+    // That each face is in its plane is checked there.
+    let (planes, faces) = count(&scene);
+    assert!(planes > 3, "{planes} planes of a curve that is 25 mm deep");
+    assert!((150..400).contains(&faces), "{faces} faces at a border of 180");
+    assert_eq!(scene.warnings, Vec::<String>::new());
+    let table = &scene.table;
+    let marking = table.subobjects.iter().rfind(|row| row.primitive == 2).unwrap();
+    let plane = table.face_planes[marking.planes.unwrap() as usize];
+    assert!(plane != NO_PLANE, "the marking shares the ground's plane");
+}
+
+#[test]
 fn instances_have_planes_of_their_own_wherever_they_stand() {
     let mut world = World::default();
     let shape = world.shape(&[squares(&[[0.0, 0.0, 10.0, 0.0], [2.0, -1.5, 3.0, 0.0]])]);

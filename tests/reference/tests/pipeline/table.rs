@@ -1,7 +1,7 @@
 //! The table of issue "the right picture": every model at 640 × 360 with 64 samples against the truth at 1024 points.
 //!
 //! Minutes of work, so it is asked for: `cargo test --release -p cyclorama-reference --test pipeline -- --ignored
-//! --nocapture table`. With `CYCLORAMA_DIFF=folder` it writes a difference picture for each model.
+//! --nocapture table`. The result is kept in `docs/accuracy.md`. With `CYCLORAMA_DIFF=folder` it writes a difference picture for each model.
 
 use super::*;
 use std::time::Instant;
