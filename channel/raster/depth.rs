@@ -71,6 +71,13 @@ pub fn in_front(
     front
 }
 
+/// What rounding may do to the difference of two planes' q anywhere in the block at (x, y) sub.
+#[inline(always)]
+pub fn rounding_in_block(a: &Plane, b: &Plane, x: i32, y: i32) -> f64 {
+    let side = f64::from(BLOCK as i32 * SUBPIXELS);
+    ROUNDING * (terms(a, x, y, side) + terms(b, x, y, side))
+}
+
 /// What [`in_front`] says, for eight samples at once where the pixel as a whole doesn't decide.
 #[inline(always)]
 pub fn fronts<S: Simd>(

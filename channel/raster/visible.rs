@@ -22,6 +22,9 @@ const LIST: u32 = 1 << 31;
 /// Ends a list.
 const END: u32 = u32::MAX;
 
+/// Triangles from one look at the whole tile to the next. A guess: looking costs about as much as drawing a small one.
+const RENEWED_EVERY: u32 = 8;
+
 /// Most triangles of a tile: numbers must leave the bit that marks a list alone.
 pub const TILE_TRIANGLES_MAX: usize = (LIST - 1) as usize;
 
@@ -81,6 +84,8 @@ pub struct Visible {
     tile_far: f32,
     /// A bit per block: its pixels changed since.
     changed: u16,
+    /// How often the tile was asked.
+    questions: u32,
 }
 
 impl Visible {
@@ -96,6 +101,7 @@ impl Visible {
             far: [f32::NEG_INFINITY; BLOCKS],
             tile_far: f32::NEG_INFINITY,
             changed: 0,
+            questions: 0,
         }
     }
 
@@ -146,10 +152,12 @@ impl Visible {
         self.far[block]
     }
 
-    /// The same for all of the tile.
+    /// The same for all of the tile. It only ever grows, so that an old value is true as well: it is renewed at every so many
+    /// questions.
     #[inline(always)]
     pub fn tile_far<S: Simd>(&mut self, simd: S) -> f32 {
-        if self.changed != 0 {
+        self.questions += 1;
+        if self.changed != 0 && self.questions % RENEWED_EVERY == 0 {
             let mut rest = self.changed;
             while rest != 0 {
                 self.look(simd, rest.trailing_zeros() as usize);

@@ -15,17 +15,18 @@
 
 use super::compose::{Composed, Layers, Through};
 use super::gather::Layer;
+use crate::frame::Frame;
 use crate::geometry::setup::Flags;
 use crate::raster::coverage::{BLOCK, BLOCK_PIXELS};
-use crate::raster::depth::{fronts, in_front, order_over};
+use crate::raster::depth::{fronts, order_over, rounding_in_block};
 use crate::raster::opaque::block_corner;
 use crate::raster::visible::Seen;
 use crate::resolve::background::Behind;
 use crate::resolve::tile::Resolved;
 use crate::samples::SUBPIXELS;
 use crate::shade::tile::{Look, TileFaces};
-use crate::simd::each3;
-use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
+use crate::simd::{each3, each4};
+use fearless_simd::{Simd, f32x16, f64x8, mask32x16, prelude::*};
 use std::ops::Range;
 
 /// A block's light so far, and what still comes through, for pixels whose samples are alike.
@@ -52,6 +53,13 @@ struct Class {
     transmitted: f32,
 }
 
+/// A layer in some pixels of a block.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    layer: usize,
+    pixels: u64,
+}
+
 /// A layer met in a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Met {
@@ -68,8 +76,9 @@ pub struct Blender {
     run_starts: Vec<usize>,
     /// Colours of the block's layers in its pixels, of those that are asked for one by one.
     colours: Vec<[[f32; BLOCK_PIXELS]; 3]>,
-    /// Saturations of the layers; NaN where it isn't one all over a face.
-    alphas: Vec<f32>,
+    /// Their saturations.
+    alphas: Vec<[f32; BLOCK_PIXELS]>,
+    parts: Vec<Part>,
     met: Vec<Met>,
     ordered: Vec<Met>,
     classes: Vec<Class>,
@@ -106,7 +115,7 @@ impl Blender {
             mixed = all;
         } else {
             self.find_runs(tile, block);
-            mixed |= self.crossing(tile, block, mixed);
+            mixed = self.order_block(simd, tile, block, mixed);
             self.blend_uniform(simd, tile, block, faces, mixed, out);
         }
         out.finished = mixed;
@@ -150,64 +159,45 @@ impl Blender {
         }
     }
 
-    /// Pixels, beside those of `mixed`, in which layers of a run change their order from sample to sample.
+    /// Puts the layers of the block's runs in an order that holds in every pixel beside those of `mixed`, in parts where they
+    /// change places from pixel to pixel; returns `mixed` with the pixels in which they do so from sample to sample.
     #[inline(always)]
-    fn crossing(&mut self, tile: Resolved<'_>, block: usize, mixed: u64) -> u64 {
-        if tile.frame.pattern.count == 1 {
-            return 0;
-        }
+    fn order_block<S: Simd>(&mut self, simd: S, tile: Resolved<'_>, block: usize, mut mixed: u64) -> u64 {
         let layers = tile.layers.block(block);
-        let mut crossing = 0;
-        let mut end = layers.len();
-        while end > 0 {
-            let start = self.run_starts[end - 1];
-            if start + 1 < end {
-                let mut rest = shared(&layers[start..end]) & !mixed & !crossing;
-                while rest != 0 {
-                    let bit = rest.trailing_zeros();
-                    rest &= rest - 1;
-                    self.meet(tile, block, bit, start..end);
-                    let [x, y] = corner_of(tile, block, bit);
-                    let frame = tile.frame;
-                    let is_one_order = self.met.windows(2).all(|pair| {
-                        let [a, b] = [&layers[pair[0].layer], &layers[pair[1].layer]];
-                        let (ta, tb) = (frame.triangle(a.number), frame.triangle(b.number));
-                        let full = frame.pattern.full;
-                        in_front(frame.pattern, ta, tb, x, y, full, || a.order > b.order) == full
-                    });
-                    if !is_one_order {
-                        crossing |= 1 << bit;
+        let corner = block_corner(tile.rect, block);
+        self.parts.clear();
+        let mut run_begin = 0;
+        for (k, layer) in layers.iter().enumerate() {
+            if self.run_starts[k] == k {
+                run_begin = self.parts.len();
+            }
+            let mut left = layer.touched;
+            // One after the other goes to its place: in each pixel before the first that it is in front of. What is in place is
+            // in order in each pixel, so that it is in front of the rest as well.
+            let mut at = run_begin;
+            while at < self.parts.len() && left != 0 {
+                let other = self.parts[at];
+                let both = other.pixels & left & !mixed;
+                if both != 0 {
+                    let before = &layers[other.layer];
+                    let (front, unsure) = fronts_of_pixels(simd, tile.frame, layer, before, corner, both);
+                    mixed |= unsure;
+                    if front != 0 {
+                        self.parts.insert(at, Part { layer: k, pixels: front });
+                        left &= !front;
+                        at += 1;
                     }
                 }
+                at += 1;
             }
-            end = start;
-        }
-        crossing
-    }
-
-    /// The layers of a range that are in a pixel, nearest at its centre first.
-    #[inline(always)]
-    fn meet(&mut self, tile: Resolved<'_>, block: usize, bit: u32, range: Range<usize>) {
-        let layers = tile.layers.block(block);
-        let [x, y] = corner_of(tile, block, bit);
-        let centre = SUBPIXELS / 2;
-        self.met.clear();
-        for k in range {
-            let layer = &layers[k];
-            if layer.touched >> bit & 1 != 0 {
-                let q = tile.frame.triangle(layer.number).plane().at(x + centre, y + centre);
-                let met = Met { layer: k, mask: tile.frame.pattern.full, q, order: layer.order };
-                // They are nearly sorted: insertion.
-                let mut at = self.met.len();
-                while at > 0 && is_before(&met, &self.met[at - 1]) {
-                    at -= 1;
-                }
-                self.met.insert(at, met);
+            if left != 0 {
+                self.parts.push(Part { layer: k, pixels: left });
             }
         }
+        mixed
     }
 
-    /// The pixels that aren't `mixed`, layer by layer.
+    /// The pixels that aren't `mixed`, part by part.
     #[inline(always)]
     fn blend_uniform<S: Simd>(
         &mut self,
@@ -221,46 +211,31 @@ impl Blender {
         let layers = tile.layers.block(block);
         if self.colours.len() < layers.len() {
             self.colours.resize(layers.len(), [[0.0; BLOCK_PIXELS]; 3]);
-            self.alphas.resize(layers.len(), f32::NAN);
+            self.alphas.resize(layers.len(), [0.0; BLOCK_PIXELS]);
         }
-        let mut start = 0;
-        while start < layers.len() {
-            let mut end = start + 1;
-            while end < layers.len() && self.run_starts[end] == start {
-                end += 1;
-            }
-            let several = if end - start > 1 { shared(&layers[start..end]) & !mixed } else { 0 };
-            for (k, layer) in layers[start..end].iter().enumerate() {
+        let mut computed = 0;
+        for part in &self.parts {
+            let k = part.layer;
+            let layer = &layers[k];
+            let is_alone = self.run_starts[k] == k && self.run_starts.get(k + 1).is_none_or(|next| *next != k);
+            if is_alone {
                 let (colours, alpha) = colours(simd, tile, block, layer, faces);
-                add(simd, out, layer.touched & !mixed & !several, &colours, &alpha);
-                if layer.touched & (several | mixed) != 0 {
-                    for c in 0..3 {
-                        for group in 0..4 {
-                            let to = &mut self.colours[start + k][c][group * 16..group * 16 + 16];
-                            colours[c][group].store_slice(to);
-                        }
-                    }
-                    self.alphas[start + k] = if let Alpha::One(alpha) = alpha { alpha } else { f32::NAN };
+                add(simd, out, layer.touched & !mixed, &colours, &alpha);
+                if layer.touched & mixed != 0 {
+                    store(simd, &colours, &alpha, &mut self.colours[k], &mut self.alphas[k]);
                 }
+                continue;
             }
-            let mut rest = several;
-            while rest != 0 {
-                let bit = rest.trailing_zeros();
-                rest &= rest - 1;
-                self.meet(tile, block, bit, start..end);
-                let i = bit as usize;
-                for met in &self.met {
-                    let layer = &layers[met.layer];
-                    let alpha = self.alphas[met.layer];
-                    let alpha = if alpha.is_nan() { saturation(general(tile, block, layer, faces, bit)[3]) } else { alpha };
-                    let part = alpha * out.transmitted[i];
-                    for c in 0..3 {
-                        out.rgb[c][i] += self.colours[met.layer][c][i] * part;
-                    }
-                    out.transmitted[i] *= 1.0 - alpha;
+            // Parts of a layer come after those of all runs before its own.
+            while computed <= k || self.run_starts.get(computed).is_some_and(|start| *start == self.run_starts[k]) {
+                if self.run_starts[computed] == self.run_starts[k] {
+                    let (colours, alpha) = colours(simd, tile, block, &layers[computed], faces);
+                    store(simd, &colours, &alpha, &mut self.colours[computed], &mut self.alphas[computed]);
                 }
+                computed += 1;
             }
-            start = end;
+            let (colours, alpha) = load(simd, &self.colours[k], &self.alphas[k]);
+            add(simd, out, part.pixels & !mixed, &colours, &alpha);
         }
     }
 
@@ -291,11 +266,10 @@ impl Blender {
         self.classes.push(Class { mask: full, transmitted: 1.0 });
         for met in &self.met {
             let (layer, mask) = (&layers[met.layer], met.mask);
-            let alpha = self.alphas[met.layer];
             // What covers the centre is shaded there, and that has been done.
-            let [r, g, b, alpha] = if layer.centre >> bit & 1 != 0 && !alpha.is_nan() {
-                let colours = &self.colours[met.layer];
-                [colours[0][bit as usize], colours[1][bit as usize], colours[2][bit as usize], alpha]
+            let [r, g, b, alpha] = if layer.centre >> bit & 1 != 0 {
+                let (colours, i) = (&self.colours[met.layer], bit as usize);
+                [colours[0][i], colours[1][i], colours[2][i], self.alphas[met.layer][i]]
             } else {
                 let [r, g, b, alpha] = faces.colour(frame, tile.rect, layer.place, layer.number, [x, y]);
                 [r, g, b, saturation(alpha)]
@@ -494,9 +468,60 @@ fn join_classes(classes: &mut Vec<Class>) {
     }
 }
 
+/// The pixels of `both` in which `a` is in front of `b` at all samples, and those in which that isn't sure.
 #[inline(always)]
-fn is_before(a: &Met, b: &Met) -> bool {
-    a.q > b.q || (a.q == b.q && a.order > b.order)
+fn fronts_of_pixels<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    a: &Layer,
+    b: &Layer,
+    [x, y]: [i32; 2],
+    both: u64,
+) -> (u64, u64) {
+    const COLUMNS: [f64; 8] = [128.0, 384.0, 640.0, 896.0, 1152.0, 1408.0, 1664.0, 1920.0];
+    let (pa, pb) = (frame.triangle(a.number).plane(), frame.triangle(b.number).plane());
+    let wins_ties = a.order > b.order;
+    if pa == pb {
+        return (if wins_ties { both } else { 0 }, 0);
+    }
+    let splat = |c: f64| f64x8::splat(simd, c);
+    // How far their difference may go from a pixel's centre to its samples.
+    let reach = if frame.pattern.count == 1 {
+        None
+    } else {
+        let half = f64::from(SUBPIXELS / 2 - frame.pattern.low);
+        Some(splat(half * ((pa.dx - pb.dx).abs() + (pa.dy - pb.dy).abs()) + rounding_in_block(&pa, &pb, x, y)))
+    };
+    let columns = f64x8::simd_from(simd, COLUMNS);
+    let (fxa, fxb) = (columns + f64::from(x - pa.x), columns + f64::from(x - pb.x));
+    let (gxa, gxb) = (fxa * pa.dx, fxb * pb.dx);
+    let (mut front, mut unsure) = (0, 0);
+    for row in 0..8 {
+        if both >> (row * 8) & 0xff == 0 {
+            continue;
+        }
+        let py = y + row * SUBPIXELS + SUBPIXELS / 2;
+        let qa = (gxa + f64::from(py - pa.y) * pa.dy) + splat(pa.q);
+        let qb = (gxb + f64::from(py - pb.y) * pb.dy) + splat(pb.q);
+        let wins = match reach {
+            None => {
+                if wins_ties {
+                    qa.simd_ge(qb)
+                } else {
+                    qa.simd_gt(qb)
+                }
+            }
+            Some(reach) => {
+                let ahead = qa - qb;
+                let behind = ahead.simd_lt(splat(0.0) - reach);
+                let wins = ahead.simd_gt(reach);
+                unsure |= (!(behind | wins)).to_bitmask() << (row * 8);
+                wins
+            }
+        };
+        front |= wins.to_bitmask() << (row * 8);
+    }
+    (front & both, unsure & both)
 }
 
 /// Whether `front` is in front of `back` wherever they share a sample in the block.
@@ -530,17 +555,6 @@ fn share_samples(tile: Resolved<'_>, a: &Layer, b: &Layer) -> bool {
     false
 }
 
-/// Pixels that at least two of some layers touch.
-#[inline(always)]
-fn shared(layers: &[Layer]) -> u64 {
-    let (mut once, mut twice) = (0, 0);
-    for layer in layers {
-        twice |= once & layer.touched;
-        once |= layer.touched;
-    }
-    twice
-}
-
 /// Upper left of a block's pixel, sub.
 #[inline(always)]
 fn corner_of(tile: Resolved<'_>, block: usize, bit: u32) -> [i32; 2] {
@@ -553,6 +567,41 @@ fn corner_of(tile: Resolved<'_>, block: usize, bit: u32) -> [i32; 2] {
 fn saturation(alpha: f32) -> f32 {
     let alpha = if alpha > 0.0 { alpha } else { 0.0 };
     if alpha < 1.0 { alpha } else { 1.0 }
+}
+
+/// Puts a layer's colours and saturations aside.
+#[inline(always)]
+fn store<S: Simd>(
+    simd: S,
+    colours: &[[f32x16<S>; 4]; 3],
+    alpha: &Alpha,
+    to: &mut [[f32; BLOCK_PIXELS]; 3],
+    alphas: &mut [f32; BLOCK_PIXELS],
+) {
+    for c in 0..3 {
+        for group in 0..4 {
+            colours[c][group].store_slice(&mut to[c][group * 16..group * 16 + 16]);
+        }
+    }
+    match alpha {
+        Alpha::One(alpha) => {
+            for group in 0..4 {
+                f32x16::splat(simd, *alpha).store_slice(&mut alphas[group * 16..group * 16 + 16]);
+            }
+        }
+        Alpha::Each(each) => *alphas = *each,
+    }
+}
+
+/// And takes them up again.
+#[inline(always)]
+fn load<S: Simd>(
+    simd: S,
+    from: &[[f32; BLOCK_PIXELS]; 3],
+    alphas: &[f32; BLOCK_PIXELS],
+) -> ([[f32x16<S>; 4]; 3], Alpha) {
+    let colours = each3(from.each_ref(), |c| each4([0, 16, 32, 48], |at| f32x16::from_slice(simd, &c[at..at + 16])));
+    (colours, Alpha::Each(*alphas))
 }
 
 /// A face's colour in a pixel in general.
@@ -596,16 +645,8 @@ fn colours<S: Simd>(
                 }
                 each[3][bit as usize] = saturation(colour[3]);
             }
-            let load = |c: usize| {
-                let c = &each[c];
-                [
-                    f32x16::from_slice(simd, &c[..16]),
-                    f32x16::from_slice(simd, &c[16..32]),
-                    f32x16::from_slice(simd, &c[32..48]),
-                    f32x16::from_slice(simd, &c[48..]),
-                ]
-            };
-            ([load(0), load(1), load(2)], Alpha::Each(each[3]))
+            let [r, g, b, alphas] = each;
+            load(simd, &[r, g, b], &alphas)
         }
     }
 }
