@@ -176,6 +176,8 @@ pub struct TileCover<'a> {
     /// Least and most that each edge gains within a block's sample range.
     block_least: [i64; 3],
     block_most: [i64; 3],
+    /// All samples of the tile are covered.
+    covers_tile: bool,
 }
 
 /// What each edge of a triangle gains from a pixel's upper left to each sample, made when first needed.
@@ -225,6 +227,14 @@ impl<'a> TileCover<'a> {
             most: each3([0, 1, 2], |k| edges.largest(k, low, high)),
             block_least: each3([0, 1, 2], |k| edges.smallest(k, low, block_high)),
             block_most: each3([0, 1, 2], |k| edges.largest(k, low, block_high)),
+            covers_tile: {
+                let tile_high = TILE as i32 * SUBPIXELS - low;
+                let least = each3([0, 1, 2], |k| {
+                    edges.at(k, left * SUBPIXELS, top * SUBPIXELS) + edges.smallest(k, low, tile_high)
+                });
+                // A negative number's sign bit survives an OR.
+                (least[0] | least[1] | least[2]) >= 0
+            },
         })
     }
 
@@ -239,6 +249,9 @@ impl<'a> TileCover<'a> {
     /// The pixels of a block that the triangle covers, beyond the view's border as well.
     #[inline(always)]
     pub fn block<S: Simd>(&self, simd: S, block: usize) -> BlockCover {
+        if self.covers_tile {
+            return BlockCover { touched: u64::MAX, full: u64::MAX };
+        }
         let [x, y] = self.block_corner(block);
         let at = each3([0, 1, 2], |k| self.edges.at(k, x, y));
         let mut crossed = [false; 3];

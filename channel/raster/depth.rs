@@ -12,11 +12,12 @@
 //!
 //! So no shortcut ever changes an answer, and pictures don't depend on when one is taken.
 
-use super::coverage::BLOCK;
+use super::coverage::{BLOCK, BLOCKS_PER_ROW};
 use crate::geometry::setup::{Plane, Triangle};
 use crate::samples::{Pattern, SUBPIXELS};
 use crate::simd::each4;
 use fearless_simd::{Simd, f32x16, f64x8, prelude::*};
+use proto::frame::TILE;
 
 /// Bound on the rounding of all evaluations that a comparison replaces, relative to the sum of the magnitudes of their
 /// terms. Each takes three operations, each wrong by 2⁻⁵³ at most; this is several times as much as can add up.
@@ -143,32 +144,40 @@ pub fn bounds(p: &Plane, x: i32, y: i32, side: i32) -> [f64; 2] {
 /// Bounds of a face's q over the pixels of the blocks of a tile.
 #[derive(Clone, Copy, Debug)]
 pub struct BlockDepth {
-    plane: Plane,
+    /// Lower and upper bound at the centre of the tile's first pixel.
+    first: [f64; 2],
+    /// Change of q per block, to the right and downwards.
+    block_steps: [f64; 2],
     /// Change of q per pixel.
     steps: [f32; 2],
-    /// Half of q's change over a pixel's samples, plus what one rounding or other may do within a tile.
-    reach: f64,
 }
 
 impl BlockDepth {
-    /// Of a face with that plane; the bounds hold for the pattern's samples.
+    /// Of a face with that plane in the tile whose upper left is (x, y) sub; the bounds hold for the pattern's samples.
     #[inline(always)]
-    pub fn new(pattern: &Pattern, plane: Plane) -> Self {
-        let half = f64::from(SUBPIXELS / 2 - pattern.low) * (plane.dx.abs() + plane.dy.abs());
-        let side = f64::from(SUBPIXELS);
-        Self { plane, steps: [(plane.dx * side) as f32, (plane.dy * side) as f32], reach: half }
+    pub fn new(pattern: &Pattern, plane: &Plane, [x, y]: [i32; 2]) -> Self {
+        let centre = SUBPIXELS / 2;
+        let slope = plane.dx.abs() + plane.dy.abs();
+        let half = f64::from(SUBPIXELS / 2 - pattern.low) * slope;
+        let first = plane.at(x + centre, y + centre);
+        let side = f64::from(TILE as i32 * SUBPIXELS);
+        let reach =
+            half + ROUNDING_F32 * (first.abs() + side * slope) + ROUNDING * terms(plane, x, y, side) + TINIEST;
+        let block = f64::from(BLOCK as i32 * SUBPIXELS);
+        let pixel = f64::from(SUBPIXELS);
+        Self {
+            first: [first - reach, first + reach],
+            block_steps: [plane.dx * block, plane.dy * block],
+            steps: [(plane.dx * pixel) as f32, (plane.dy * pixel) as f32],
+        }
     }
 
-    /// Lower and upper bound at the block's first pixel, whose upper left is (x, y) sub; [`BlockDepth::lattice`] leads to the others.
+    /// Lower and upper bound at the first pixel of a block; [`BlockDepth::lattice`] leads to the others.
     #[inline(always)]
-    pub fn at(&self, x: i32, y: i32) -> [f32; 2] {
-        let centre = SUBPIXELS / 2;
-        let p = &self.plane;
-        let here = p.at(x + centre, y + centre);
-        let side = f64::from(BLOCK as i32 * SUBPIXELS);
-        let lattice = here.abs() + side * (p.dx.abs() + p.dy.abs());
-        let reach = self.reach + ROUNDING_F32 * lattice + ROUNDING * terms(p, x, y, side) + TINIEST;
-        [(here - reach) as f32, (here + reach) as f32]
+    pub fn at(&self, block: usize) -> [f32; 2] {
+        let (column, row) = (block as u32 % BLOCKS_PER_ROW, block as u32 / BLOCKS_PER_ROW);
+        let gain = f64::from(column as i32) * self.block_steps[0] + f64::from(row as i32) * self.block_steps[1];
+        [(self.first[0] + gain) as f32, (self.first[1] + gain) as f32]
     }
 
     /// Most that q gains from a block's first pixel to any other.
@@ -277,9 +286,11 @@ mod tests {
                 x: (random.signed() * f64::from(1 << random.below(24))) as i32,
                 y: (random.signed() * f64::from(1 << random.below(24))) as i32,
             };
-            let [x, y] = [0; 2].map(|_| (random.below(256) * 2048) as i32);
-            let depth = BlockDepth::new(pattern, plane);
-            let [low, high] = depth.at(x, y);
+            let tile = [0; 2].map(|_| (random.below(64) * 8192) as i32);
+            let depth = BlockDepth::new(pattern, &plane, tile);
+            let block = random.below(16) as usize;
+            let [low, high] = depth.at(block);
+            let [x, y] = [tile[0] + (block as i32 % 4) * 2048, tile[1] + (block as i32 / 4) * 2048];
             for level in every_level() {
                 let gains: [[f32; 16]; 4] =
                     fearless_simd::dispatch!(level, simd => depth.lattice(simd).map(<[f32; 16]>::from));

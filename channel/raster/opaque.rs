@@ -112,12 +112,11 @@ pub fn draw_opaque<S: Simd>(
         }
         let Some(cover) = TileCover::new(pattern, triangle, rect) else { continue };
         tables.clear();
-        let depth = BlockDepth::new(pattern, triangle.plane());
+        let depth = BlockDepth::new(pattern, &triangle.plane(), block_corner(rect, 0));
         let gains = depth.lattice(simd);
         let is_whole = triangle.flags.0 & (Flags::BEYOND | Flags::CUT_OUT) == 0;
         for block in cover.blocks() {
-            let [x, y] = block_corner(rect, block);
-            let base = depth.at(x, y);
+            let base = depth.at(block);
             if skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {
                 counts.occluded += 1;
                 continue;
@@ -131,7 +130,7 @@ pub fn draw_opaque<S: Simd>(
             let reached = touched & !depths.behind;
             let filled = if is_whole && skips.single { reached & covered.full & depths.front } else { 0 };
             if filled != 0 {
-                visible.fill(simd, block, filled, place as u32, base, &gains);
+                visible.fill(simd, block, filled, place as u32, base, &gains, depth.least_gained());
                 counts.covered_pixels += u64::from(filled.count_ones());
             }
             let mut rest = reached & !filled;

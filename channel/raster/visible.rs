@@ -84,6 +84,10 @@ pub struct Visible {
     tile_far: f32,
     /// A bit per block: its pixels changed since.
     changed: u16,
+    /// A bit per block: nothing was ever put into it.
+    fresh: u16,
+    /// Whether `tile_far` may have grown.
+    is_old: bool,
     /// How often the tile was asked.
     questions: u32,
 }
@@ -101,6 +105,8 @@ impl Visible {
             far: [f32::NEG_INFINITY; BLOCKS],
             tile_far: f32::NEG_INFINITY,
             changed: 0,
+            fresh: u16::MAX,
+            is_old: false,
             questions: 0,
         }
     }
@@ -116,6 +122,8 @@ impl Visible {
         self.far = [f32::NEG_INFINITY; BLOCKS];
         self.tile_far = f32::NEG_INFINITY;
         self.changed = 0;
+        self.fresh = u16::MAX;
+        self.is_old = false;
     }
 
     /// The cells of a block: [`NOTHING`], a face that all samples see (see [`Visible::single`]), or a list.
@@ -157,7 +165,8 @@ impl Visible {
     #[inline(always)]
     pub fn tile_far<S: Simd>(&mut self, simd: S) -> f32 {
         self.questions += 1;
-        if self.changed != 0 && self.questions % RENEWED_EVERY == 0 {
+        if self.is_old && self.questions % RENEWED_EVERY == 0 {
+            self.is_old = false;
             let mut rest = self.changed;
             while rest != 0 {
                 self.look(simd, rest.trailing_zeros() as usize);
@@ -180,6 +189,11 @@ impl Visible {
     /// How a face with these bounds at a block's first pixel, and these gains from there, lies to what is there.
     #[inline(always)]
     pub fn compare<S: Simd>(&self, simd: S, block: usize, [low, high]: [f32; 2], gains: &[f32x16<S>; 4]) -> Depths {
+        if self.fresh >> block & 1 != 0 {
+            // In front of nothing is what has bounds at all.
+            let front = if gains.iter().all(|gain| (*gain + low).simd_gt(f32::NEG_INFINITY).all_true()) { u64::MAX } else { 0 };
+            return Depths { front, behind: 0 };
+        }
         let mut depths = Depths::default();
         for (group, gain) in gains.iter().enumerate() {
             let at = block * BLOCK_PIXELS + group * 16;
@@ -202,8 +216,18 @@ impl Visible {
         triangle: u32,
         [low, high]: [f32; 2],
         gains: &[f32x16<S>; 4],
+        least_gain: f32,
     ) {
-        self.changed |= 1 << block;
+        self.is_old = true;
+        self.fresh &= !(1 << block);
+        let least = low + least_gain;
+        if mask == u64::MAX && least > f32::NEG_INFINITY {
+            // Rounded otherwise than the sums below may be, by less than the bounds have to spare.
+            self.far[block] = least;
+            self.changed &= !(1 << block);
+        } else {
+            self.changed |= 1 << block;
+        }
         for (group, gain) in gains.iter().enumerate() {
             let bits = mask >> (group * 16) & 0xffff;
             let at = block * BLOCK_PIXELS + group * 16;
@@ -245,6 +269,8 @@ impl Visible {
     #[inline(always)]
     pub fn put(&mut self, pixel: usize, face: Arriving, mask: u64, mut in_front: impl FnMut(u32, u64) -> u64) {
         debug_assert!(mask != 0 && mask & !self.full == 0, "samples of the pattern");
+        self.is_old = true;
+        self.fresh &= !(1 << (pixel / BLOCK_PIXELS));
         let cell = self.cells[pixel];
         if cell == NOTHING {
             let whole = mask == self.full;

@@ -140,11 +140,11 @@ pub fn gather<S: Simd>(
         // Only a model in transition has cut-outs here.
         let has_holes = triangle.flags.0 & (Flags::BEYOND | Flags::CUT_OUT) != 0;
         let plane = triangle.plane();
-        let depth = BlockDepth::new(pattern, plane);
+        let depth = BlockDepth::new(pattern, &plane, block_corner(rect, 0));
         let gains = depth.lattice(simd);
         for block in cover.blocks() {
             let [x, y] = block_corner(rect, block);
-            let base = depth.at(x, y);
+            let base = depth.at(block);
             if skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {
                 counts.occluded += 1;
                 continue;
