@@ -13,7 +13,7 @@
 //! 5. [`resolve`] shades each face that a pixel sees once ([`shade`], [`lights`], [`texture`]), averages the samples ([`samples`])
 //!    and writes 8-bit sRGB or linear floats.
 //!
-//! [`exact`] computes the mean of one pixel from the areas of its faces instead of from samples.
+//! 6. Asked for by [`proto::view::Samples::Exact`], [`exact`] computes the pixels that points don't give exactly, from the areas of their faces.
 //!
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.

@@ -8,6 +8,7 @@
 //! between frames are woken on the waker's CPU and do half of the frame one after the other. A smaller pool isn't pinned,
 //! because several boards on one machine would all choose the same CPUs.
 
+use crate::exact::stage::{ExactScratch, integrate_tile};
 use crate::frame::{Frame, RUN_TRIANGLES_MAX, RUNS_MAX, triangle_number};
 use crate::geometry::camera::Camera;
 use crate::geometry::clip::CORNERS_MAX;
@@ -83,6 +84,8 @@ pub struct DrawStats {
     pub fragments: u64,
     /// Pixels by the way they were found.
     pub pixels: ResolveCounts,
+    /// Of these, pixels computed by areas.
+    pub pixels_exact: u64,
     /// Tiles drawn.
     pub tiles: u64,
     /// Of these, tiles without a translucent fragment.
@@ -193,6 +196,7 @@ struct TileScratch {
     layers: TileLayers,
     faces: TileFaces,
     resolve: ResolveScratch,
+    exact: ExactScratch,
 }
 
 
@@ -455,7 +459,7 @@ fn draw_tile<S: Simd>(
     scratch: &mut TileScratch,
     job: &mut Job<'_>,
 ) {
-    let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch } = scratch;
+    let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch, exact } = scratch;
     let stats = &mut job.stats;
     let begun = Instant::now();
     numbers.clear();
@@ -501,6 +505,12 @@ fn draw_tile<S: Simd>(
         #[inline(always)]
         || resolve(simd, tile, faces, resolve_scratch, out, &mut stats.pixels),
     );
+    if frame.pattern.is_exact() {
+        simd.vectorize(
+            #[inline(always)]
+            || stats.pixels_exact = integrate_tile(simd, tile, opaque, faces, exact, &mut job.out),
+        );
+    }
     stats.resolve_ns = nanoseconds(begun);
 }
 
@@ -512,6 +522,7 @@ impl DrawStats {
         self.fragments += tile.fragments;
         self.pixels.pixels_single += tile.pixels.pixels_single;
         self.pixels.pixels_multi += tile.pixels.pixels_multi;
+        self.pixels_exact += tile.pixels_exact;
         self.tiles += tile.tiles;
         self.tiles_opaque += tile.tiles_opaque;
         self.raster_ns += tile.raster_ns;

@@ -16,6 +16,12 @@ pub const SUBPIXEL_BITS: u32 = 8;
 /// Sub-pixel positions per pixel.
 pub const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
 
+/// How far beyond a pixel one looks for faces that have an area in it, sub. A face has its corners where rounding put them: half
+/// a sub-pixel aside along each axis, and one that rounding left without an area has a corner a sub-pixel farther off. So no
+/// point of it is farther than 1.8 sub-pixels from its place; what touches a pixel touches it with this margin, and what
+/// covers it with this margin covers it.
+pub const EXACT_MARGIN: i32 = 2;
+
 /// One pattern: the same points in every pixel of a view.
 #[derive(Debug)]
 pub struct Pattern {
@@ -33,7 +39,8 @@ pub struct Pattern {
     pub points_f64: [[f64; 64]; 2],
     /// The mask that has all points.
     pub full: u64,
-    /// Smallest coordinate of any point; by symmetry 256 − `low` is the largest.
+    /// Smallest coordinate of any point; by symmetry 256 − `low` is the largest. What asks for a pixel's samples asks for this range. For
+    /// [`Samples::Exact`] it reaches beyond the pixel, by [`EXACT_MARGIN`].
     pub low: i32,
 }
 
@@ -46,12 +53,19 @@ impl Pattern {
             Samples::Eight => &EIGHT,
             Samples::Sixteen => &SIXTEEN,
             Samples::SixtyFour => &SIXTY_FOUR,
+            Samples::Exact => &EXACT,
         }
     }
 
     /// Largest coordinate of any point.
     pub const fn high(&self) -> i32 {
         SUBPIXELS - self.low
+    }
+
+    /// Whether pixels are computed by areas where points don't do: see [`crate::exact::stage`].
+    #[inline(always)]
+    pub const fn is_exact(&self) -> bool {
+        self.low < 0
     }
 
     const fn new(points: &[[u8; 2]]) -> Self {
@@ -99,6 +113,8 @@ static FOUR: Pattern = Pattern::new(&POINTS_4);
 static EIGHT: Pattern = Pattern::new(&POINTS_8);
 static SIXTEEN: Pattern = Pattern::new(&POINTS_16);
 static SIXTY_FOUR: Pattern = Pattern::new(&POINTS_64);
+/// The points of 64, asked about with a margin round the pixel.
+static EXACT: Pattern = Pattern { low: -EXACT_MARGIN, ..Pattern::new(&POINTS_64) };
 
 #[rustfmt::skip]
 static POINTS_4: [[u8; 2]; 4] = [

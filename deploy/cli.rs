@@ -83,7 +83,7 @@ pub(crate) struct RowArgs {
     /// Size of each view, pixels
     #[arg(long, env = "CYCLORAMA_SIZE", value_name = "WxH", value_parser = size)]
     pub size: Option<(u32, u32)>,
-    /// Points looked at in each pixel: 1, 4, 8, 16 or 64
+    /// Points looked at in each pixel: 1, 4, 8, 16 or 64; or exact: areas instead of points
     #[arg(long, env = "CYCLORAMA_SAMPLES", value_name = "N", value_parser = samples)]
     pub samples: Option<proto::view::Samples>,
 }
@@ -309,7 +309,7 @@ pub(crate) struct RenderArgs {
     /// Size of the picture, pixels
     #[arg(long, default_value = "1280x720", value_name = "WxH", value_parser = size)]
     pub size: (u32, u32),
-    /// Points looked at in each pixel: 1, 4, 8, 16 or 64
+    /// Points looked at in each pixel: 1, 4, 8, 16 or 64; or exact: areas instead of points
     #[arg(long, default_value = "16", value_name = "N", value_parser = samples)]
     pub samples: proto::view::Samples,
     #[command(flatten)]
@@ -360,7 +360,7 @@ pub(crate) struct PixelsArgs {
     /// Size of the picture, pixels
     #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = size)]
     pub size: (u32, u32),
-    /// Points per pixel, one row for each
+    /// Points per pixel, or exact; one row for each
     #[arg(long, default_value = "1,4,8,16,64", value_delimiter = ',', value_parser = samples)]
     pub samples: Vec<proto::view::Samples>,
     #[command(flatten)]
@@ -422,8 +422,7 @@ fn file_kind(text: &str) -> Result<compositor::sinks::FileKind, String> {
 }
 
 fn samples(text: &str) -> Result<proto::view::Samples, String> {
-    let count = text.parse().ok().and_then(proto::view::Samples::from_count);
-    count.ok_or_else(|| "expected 1, 4, 8, 16 or 64".into())
+    proto::view::Samples::from_name(text).ok_or_else(|| format!("expected {}", proto::view::Samples::NAMES))
 }
 
 fn triple(text: &str) -> Result<[f64; 3], String> {

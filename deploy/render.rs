@@ -17,7 +17,7 @@ use proto::frame::{FrameState, PixelFormat};
 use proto::ids::{BoardId, BoardKey, Epoch, FrameNumber};
 use proto::message::Swap;
 use proto::share::shares;
-use proto::view::{Pose, View, ViewSetup};
+use proto::view::{Pose, Samples, View, ViewSetup};
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
@@ -134,7 +134,7 @@ impl Drawn {
         serde_json::json!({
             "scene": args.scene,
             "size": [args.size.0, args.size.1],
-            "samples": args.samples.count(),
+            "samples": if args.samples == Samples::Exact { "exact".into() } else { serde_json::json!(args.samples.count()) },
             "threads": threads,
             "boards": args.boards,
             "ms": self.total_ms,

@@ -97,7 +97,7 @@ impl Rig {
         let mut manager = own_command(&["manager", "--listen", "127.0.0.1:0", "--pose-listen", "127.0.0.1:0"])?;
         manager.args(["--scene", &args.scene, "--camera"]).arg(camera);
         manager.args(["--views", &row.count.to_string(), "--size", &size]);
-        manager.args(["--samples", &row.samples.count().to_string(), "--rate", &args.rate.to_string()]);
+        manager.args(["--samples", &row.samples.to_string(), "--rate", &args.rate.to_string()]);
         manager.args(["--wait-for-boards", &boards.to_string(), "--wait-for-compositor"]);
         if args.mode == ModeArg::Region {
             manager.args(["--mode", "region"]);

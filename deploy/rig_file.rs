@@ -33,8 +33,16 @@ pub(crate) struct RigFile {
 pub(crate) struct Row {
     pub views: Option<std::num::NonZeroU32>,
     pub size: Option<[u32; 2]>,
-    pub samples: Option<u32>,
+    pub samples: Option<SamplesEntry>,
     pub mode: Option<ModeEntry>,
+}
+
+/// A number of points, or `"exact"`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum SamplesEntry {
+    Count(u32),
+    Name(String),
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -69,7 +77,7 @@ pub(crate) struct ViewEntry {
     pub vertical_fov_deg: Option<f64>,
     pub tangents: Option<Tangents>,
     pub near_m: Option<f64>,
-    pub samples: Option<u32>,
+    pub samples: Option<SamplesEntry>,
     pub mode: Option<ModeEntry>,
     pub at: Option<[u32; 2]>,
 }

@@ -3,7 +3,7 @@
 
 use crate::cli::{AirArgs, Console, ManagerArgs, ModeArg, RowArgs};
 use crate::error::CommandError;
-use crate::rig_file::{Air, RigFile, ViewEntry};
+use crate::rig_file::{Air, RigFile, SamplesEntry, ViewEntry};
 use crate::source;
 use glam::{DQuat, DVec3};
 use manager::backplane::{Config, DefaultRow, Stage};
@@ -47,7 +47,7 @@ pub(crate) fn guard(address: SocketAddr, is_insecure: bool) -> Result<SocketAddr
 
 /// The default row of views.
 pub(crate) fn row(args: &RowArgs, mode: Option<ModeArg>, file: &RigFile) -> Result<DefaultRow, CommandError> {
-    let file_samples = file.row.samples.map(samples).transpose()?;
+    let file_samples = file.row.samples.as_ref().map(samples).transpose()?;
     let file_size = file.row.size.map(|[width, height]| (width, height));
     let (width, height) = args.size.or(file_size).unwrap_or(SIZE);
     let count = args.views.or(file.row.views).map_or(VIEWS, std::num::NonZeroU32::get);
@@ -63,9 +63,12 @@ pub(crate) fn row(args: &RowArgs, mode: Option<ModeArg>, file: &RigFile) -> Resu
     })
 }
 
-fn samples(count: u32) -> Result<Samples, CommandError> {
-    Samples::from_count(count)
-        .ok_or_else(|| CommandError::said(format!("samples = {count}: possible are 1, 4, 8, 16 and 64")))
+fn samples(entry: &SamplesEntry) -> Result<Samples, CommandError> {
+    let (found, text) = match entry {
+        SamplesEntry::Count(count) => (Samples::from_count(*count), count.to_string()),
+        SamplesEntry::Name(name) => (Samples::from_name(name), format!("{name:?}")),
+    };
+    found.ok_or_else(|| CommandError::said(format!("samples = {text}: possible are {}", Samples::NAMES)))
 }
 
 /// Light and air.
@@ -111,7 +114,7 @@ pub(crate) fn view(entry: &ViewEntry) -> Result<ViewSetup, CommandError> {
         width,
         height,
         near: entry.near_m.unwrap_or(View::NEAR_DEFAULT),
-        samples: entry.samples.map(samples).transpose()?.unwrap_or(SAMPLES),
+        samples: entry.samples.as_ref().map(samples).transpose()?.unwrap_or(SAMPLES),
     };
     if view.is_valid() {
         let mode = entry.mode.map(Mode::from).unwrap_or_default();

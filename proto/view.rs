@@ -6,6 +6,7 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use thiserror::Error;
 
 /// Position and orientation in f64.
@@ -123,7 +124,7 @@ fn glam_atan(t: f64) -> f64 {
     if axis.z < 0.0 { -angle } else { angle }
 }
 
-/// How many points of a pixel are looked at.
+/// How many points of a pixel are looked at; the mean of their colours is the pixel's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 pub enum Samples {
     /// The centre.
@@ -137,17 +138,19 @@ pub enum Samples {
     Sixteen,
     /// 64 points.
     SixtyFour,
+    /// Not points but areas: the box filter's integral itself.
+    Exact,
 }
 
 impl Samples {
-    /// Number of points.
+    /// Number of points. For [`Samples::Exact`] 64: the pixels that are not computed by areas are those of 64 points.
     pub const fn count(self) -> usize {
         match self {
             Self::One => 1,
             Self::Four => 4,
             Self::Eight => 8,
             Self::Sixteen => 16,
-            Self::SixtyFour => 64,
+            Self::SixtyFour | Self::Exact => 64,
         }
     }
 
@@ -160,6 +163,23 @@ impl Samples {
             16 => Some(Self::Sixteen),
             64 => Some(Self::SixtyFour),
             _ => None,
+        }
+    }
+
+    /// What the names of all variants are, for people.
+    pub const NAMES: &str = "1, 4, 8, 16, 64 or exact";
+
+    /// The variant of that name: a number of points, or `exact`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        if name == "exact" { Some(Self::Exact) } else { Self::from_count(name.parse().ok()?) }
+    }
+}
+
+impl fmt::Display for Samples {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Exact => f.write_str("exact"),
+            points => write!(f, "{}", points.count()),
         }
     }
 }
@@ -292,6 +312,18 @@ mod tests {
             assert!((libm_tan(angle) / angle.tan() - 1.0).abs() < 1e-12, "tan {degrees}");
             assert!((glam_atan(angle.tan()) - angle).abs() < 1e-12, "atan {degrees}");
             assert!((glam_atan(-angle.tan()) + angle).abs() < 1e-12, "atan −{degrees}");
+        }
+    }
+
+    #[test]
+    fn samples_are_read_as_they_are_written() {
+        for samples in
+            [Samples::One, Samples::Four, Samples::Eight, Samples::Sixteen, Samples::SixtyFour, Samples::Exact]
+        {
+            assert_eq!(Samples::from_name(&samples.to_string()), Some(samples));
+        }
+        for name in ["", "2", "-1", "Exact", "64 "] {
+            assert_eq!(Samples::from_name(name), None, "{name:?}");
         }
     }
 

@@ -31,6 +31,7 @@ mod polygon;
 mod prepare;
 mod regions;
 mod sheet;
+pub mod stage;
 #[cfg(test)]
 mod tests;
 mod versions;

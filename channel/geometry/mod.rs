@@ -9,12 +9,14 @@
 //! - [`plane`]: the plane of inverse distance that faces lying over each other share.
 //! - [`setup`]: the triangle that the raster stage works on.
 //! - [`vertices`]: vertices and normals to the screen, eight at a time.
+//! - [`fine`]: corners for pixels that are computed by areas.
 //! - [`transform`]: the stage itself, subobject by subobject.
 //!
 //! Nothing here knows tiles or shares: every board gets the same triangles, to the bit.
 
 pub mod camera;
 pub mod clip;
+pub mod fine;
 pub mod plane;
 pub mod setup;
 pub mod transform;

@@ -8,6 +8,7 @@
 
 use super::camera::{Camera, ViewPoint};
 use super::clip::{CORNERS_MAX, ClippedFace};
+use super::fine;
 use super::plane::{FacePlanes, cofactors};
 use super::setup::{ClipRecord, Flags, Plane, Triangle, WHOLE_FACE, area_twice, extent, pixels_within};
 use super::vertices::{BEYOND, CUT, NOT_FINITE, Vertices};
@@ -234,7 +235,14 @@ impl GeometryRun {
             let x = each3(v, |k| self.vertices.x[k]);
             let y = each3(v, |k| self.vertices.y[k]);
             let area = area_twice([x[0], y[0]], [x[1], y[1]], [x[2], y[2]]);
-            let Some(side) = self.side(area, item.mirrored, double_sided) else { continue };
+            let is_doubtful = pattern.is_exact() && fine::is_doubtful(x, y, area);
+            let turn = if is_doubtful { fine::turn(camera, item, v) } else { area };
+            let Some(mut side) = self.side(turn, item.mirrored, double_sided) else { continue };
+            let (x, y) = if is_doubtful { fine::with_area(x, y) } else { (x, y) };
+            if is_doubtful {
+                let area = area_twice([x[0], y[0]], [x[1], y[1]], [x[2], y[2]]);
+                side = side & !Flags::SWAPPED | if area < 0 { Flags::SWAPPED } else { 0 };
+            }
             let [x0, x1] = pixels_within(extent(x), low, high);
             let [y0, y1] = pixels_within(extent(y), low, high);
             if x0.max(0) > x1.min(columns - 1) || y0.max(0) > y1.min(rows - 1) {

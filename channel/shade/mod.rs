@@ -5,9 +5,11 @@
 //! pieces together; so neighbouring boards and passes agree on the point.
 //!
 //! - [`face`]: a face prepared for everything that a material can be.
+//! - [`mod@nearest`]: where a face is shaded if pixels are computed by areas.
 //! - [`tile`]: the faces of a tile, and the quick ways for those whose colour is one, or depends on the normal alone.
 
 pub mod face;
+mod nearest;
 pub mod tile;
 
 use crate::frame::Frame;
@@ -15,6 +17,7 @@ use crate::geometry::setup::Triangle;
 use crate::raster::coverage::Edges;
 use crate::samples::SUBPIXELS;
 pub use face::FaceCache;
+use nearest::nearest;
 
 impl Frame<'_> {
     /// Linear RGB, faded, and alpha of a face in the pixel whose upper left is (x, y) sub. Always finite.
@@ -95,6 +98,12 @@ impl Frame<'_> {
             if edges_of(piece).covers(x + centre, y + centre) {
                 return ShadingPoint { triangle: piece, x: x + centre, y: y + centre };
             }
+        }
+        if self.pattern.is_exact() {
+            let places = pieces.map(|piece| (piece, nearest(self.triangle(piece), &edges_of(piece), [x, y])));
+            let nearer = |a: (u32, ([i32; 2], f64)), b: (u32, ([i32; 2], f64))| if b.1.1 < a.1.1 { b } else { a };
+            let (triangle, ([dx, dy], _)) = places.reduce(nearer).expect("a face has a piece");
+            return ShadingPoint { triangle, x: x + dx, y: y + dy };
         }
         // Points are in the order of their distance from the centre.
         for [dx, dy] in &self.pattern.points[..self.pattern.count] {

@@ -11,6 +11,7 @@
 //! Coordinates here are in pixels from the tile's upper left, where f32 is exact to 2⁻¹⁸ pixel.
 
 use super::FaceCache;
+use super::nearest::nearest;
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, WHOLE_FACE};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
@@ -154,6 +155,9 @@ fn shading_point(frame: &Frame<'_>, number: u32, [x, y]: [i32; 2]) -> [i32; 2] {
     let centre = SUBPIXELS / 2;
     if edges.covers(x + centre, y + centre) {
         return [centre, centre];
+    }
+    if frame.pattern.is_exact() {
+        return nearest(frame.triangle(number), &edges, [x, y]).0;
     }
     let points = &frame.pattern.points[..frame.pattern.count];
     for [dx, dy] in points {
