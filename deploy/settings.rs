@@ -210,3 +210,21 @@ pub(crate) fn check_example(file: &RigFile) {
     row(&args, None, file).unwrap_or_else(|error| panic!("{error}"));
     environment(&AirArgs::default(), &file.air).unwrap_or_else(|error| panic!("{error}"));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_of_a_rig_file_are_a_number_or_exact() {
+        let read = |entry: &str| {
+            let file: RigFile = toml::from_str(&format!("[row]\nsamples = {entry}")).unwrap();
+            samples(&file.row.samples.unwrap()).map_err(|error| error.to_string())
+        };
+        assert_eq!(read("64"), Ok(Samples::SixtyFour));
+        assert_eq!(read("\"exact\""), Ok(Samples::Exact));
+        assert_eq!(read("\"16\""), Ok(Samples::Sixteen));
+        assert_eq!(read("2"), Err("samples = 2: possible are 1, 4, 8, 16, 64 or exact".into()));
+        assert_eq!(read("\"all\""), Err("samples = \"all\": possible are 1, 4, 8, 16, 64 or exact".into()));
+    }
+}

@@ -66,9 +66,9 @@ pub struct ExactScratch {
     covers: Box<[f32; TILE_PIXELS]>,
     /// By block: the least of its covers.
     far: [f32; BLOCKS],
-    candidates: Vec<Candidate>,
-    /// By block: the candidates of which there are many come triangle by triangle, and are sorted into their blocks.
+    /// By block.
     blocks: [Vec<Candidate>; BLOCKS],
+    pixels: PixelCandidates,
     /// By place in the tile's list: index into `fine`.
     known: Vec<u32>,
     fine: Vec<FineFace>,
@@ -83,8 +83,8 @@ impl Default for ExactScratch {
         Self {
             covers: Box::new([f32::NEG_INFINITY; TILE_PIXELS]),
             far: [f32::NEG_INFINITY; BLOCKS],
-            candidates: Vec::new(),
             blocks: std::array::from_fn(|_| Vec::new()),
+            pixels: PixelCandidates::default(),
             known: Vec::new(),
             fine: Vec::new(),
             bounds: Vec::new(),
@@ -205,15 +205,18 @@ impl ExactScratch {
                 partly |= candidate.touched & !candidate.full;
             }
             let mut rest = twice | partly;
+            if rest == 0 {
+                continue;
+            }
+            self.pixels.set(&self.blocks[block], rest);
             while rest != 0 {
                 let bit = rest.trailing_zeros();
                 rest &= rest - 1;
                 if partly >> bit & 1 == 0 && self.is_ordered(tile, block, bit) {
                     continue;
                 }
-                let pixel = block * BLOCK_PIXELS + bit as usize;
-                if let Some(colour) = self.integrate(tile, faces, &mut exact, pixel) {
-                    write(tile, pixel, colour, out);
+                if let Some(colour) = self.integrate(tile, faces, &mut exact, block, bit) {
+                    write(tile, block * BLOCK_PIXELS + bit as usize, colour, out);
                     pixels += 1;
                 }
             }
@@ -226,22 +229,23 @@ impl ExactScratch {
 
     /// Whether no two of the candidates of a pixel, all of which cover it, cross in it.
     fn is_ordered(&mut self, tile: Resolved<'_>, block: usize, bit: u32) -> bool {
+        let candidates = &self.blocks[block];
+        let here = self.pixels.of(bit);
         self.bounds.clear();
-        self.candidates.clear();
-        for candidate in self.blocks[block].iter().filter(|c| c.touched >> bit & 1 != 0) {
-            self.bounds.push(candidate.depth.at_pixel(candidate.base, bit));
-            self.candidates.push(*candidate);
-        }
+        self.bounds.extend(here.iter().map(|k| {
+            let candidate = &candidates[*k as usize];
+            candidate.depth.at_pixel(candidate.base, bit)
+        }));
         self.bounds.sort_unstable_by(|a, b| b[0].total_cmp(&a[0]));
         if self.bounds.windows(2).all(|pair| pair[0][0] > pair[1][1]) {
             return true;
         }
         let [x, y] = pixel_corner(tile.rect, block * BLOCK_PIXELS + bit as usize);
-        let plane = |c: &Candidate| tile.frame.triangle(tile.numbers[c.place as usize]).plane();
-        self.candidates.len() <= COMPARED_MAX
-            && self.candidates.iter().enumerate().all(|(k, a)| {
+        let plane = |k: &u32| tile.frame.triangle(tile.numbers[candidates[*k as usize].place as usize]).plane();
+        here.len() <= COMPARED_MAX
+            && here.iter().enumerate().all(|(k, a)| {
                 let a = plane(a);
-                let mut before = self.candidates[..k].iter().map(plane);
+                let mut before = here[..k].iter().map(plane);
                 before.all(|b| a == b || order_over(&a, &b, x, y, SUBPIXELS).is_some())
             })
     }
@@ -252,9 +256,11 @@ impl ExactScratch {
         tile: Resolved<'a>,
         faces: &mut TileFaces,
         exact: &mut Vec<ExactFace<'a>>,
-        pixel: usize,
+        block: usize,
+        bit: u32,
     ) -> Option<[f32; 3]> {
         let Resolved { frame, rect, numbers, .. } = tile;
+        let pixel = block * BLOCK_PIXELS + bit as usize;
         let corner = pixel_corner(rect, pixel);
         let full = frame.pattern.full;
         let [left, top] = corner.map(|c| f64::from(c / SUBPIXELS));
@@ -265,14 +271,14 @@ impl ExactScratch {
             _ => None,
         };
         exact.clear();
-        self.candidates.clear();
-        let bit = pixel % BLOCK_PIXELS;
-        self.candidates.extend(self.blocks[pixel / BLOCK_PIXELS].iter().filter(|c| c.touched >> bit & 1 != 0));
+        let candidates = &self.blocks[block];
+        let here = self.pixels.of_mut(bit);
         if sky.is_some() {
             // Products depend on the order of their factors.
-            self.candidates.sort_unstable_by_key(|c| frame.order(numbers[c.place as usize]));
+            here.sort_unstable_by_key(|k| frame.order(numbers[candidates[*k as usize].place as usize]));
         }
-        for candidate in &self.candidates {
+        for k in here {
+            let candidate = &candidates[*k as usize];
             let number = numbers[candidate.place as usize];
             let triangle = frame.triangle(number);
             let item = &frame.items[triangle.item as usize];
@@ -294,7 +300,10 @@ impl ExactScratch {
             }
             let alpha = if item.is_translucent() { f64::from(alpha).clamp(0.0, 1.0) } else { 1.0 };
             let [q0, qx, qy] = fine.plane(corner);
-            if let Some(passed) = &mut sky {
+            // What covers the pixel takes of all points alike.
+            if let Some(passed) = &mut sky
+                && candidate.full >> bit & 1 == 0
+            {
                 passed.through(frame, triangle, item, alpha, corner);
             }
             exact.push(ExactFace {
@@ -317,6 +326,57 @@ impl ExactScratch {
     }
 }
 
+/// Of a block's pixels the candidates, as indices.
+#[derive(Debug)]
+struct PixelCandidates {
+    /// Where a pixel's begin; the next one's is where they end.
+    starts: [u32; BLOCK_PIXELS + 1],
+    indices: Vec<u32>,
+}
+
+impl Default for PixelCandidates {
+    fn default() -> Self {
+        Self { starts: [0; BLOCK_PIXELS + 1], indices: Vec::new() }
+    }
+}
+
+impl PixelCandidates {
+    /// Of the pixels `wanted`; a counting sort of (candidate, pixel) pairs.
+    fn set(&mut self, candidates: &[Candidate], wanted: u64) {
+        self.starts = [0; BLOCK_PIXELS + 1];
+        for candidate in candidates {
+            each_bit(candidate.touched & wanted, |bit| self.starts[bit + 1] += 1);
+        }
+        for bit in 0..BLOCK_PIXELS {
+            self.starts[bit + 1] += self.starts[bit];
+        }
+        let mut next = self.starts;
+        self.indices.clear();
+        self.indices.resize(self.starts[BLOCK_PIXELS] as usize, 0);
+        for (k, candidate) in candidates.iter().enumerate() {
+            each_bit(candidate.touched & wanted, |bit| {
+                self.indices[next[bit] as usize] = k as u32;
+                next[bit] += 1;
+            });
+        }
+    }
+
+    fn of(&self, bit: u32) -> &[u32] {
+        &self.indices[self.starts[bit as usize] as usize..self.starts[bit as usize + 1] as usize]
+    }
+
+    fn of_mut(&mut self, bit: u32) -> &mut [u32] {
+        &mut self.indices[self.starts[bit as usize] as usize..self.starts[bit as usize + 1] as usize]
+    }
+}
+
+fn each_bit(mut set: u64, mut f: impl FnMut(usize)) {
+    while set != 0 {
+        f(set.trailing_zeros() as usize);
+        set &= set - 1;
+    }
+}
+
 /// What is let through at each of the 64 points.
 struct Passed([f64; 64]);
 
@@ -325,10 +385,17 @@ impl Passed {
     fn through(&mut self, frame: &Frame<'_>, triangle: &Triangle, item: &Item<'_>, alpha: f64, [x, y]: [i32; 2]) {
         // Of a model that is mixed of versions, one version's part: close enough to tell where in the pixel the sky is seen.
         let share = item.part.map_or(1.0, |member| member.weights[member.version]);
-        let mut covered = Edges::of(triangle).mask(frame.pattern, x, y);
-        while covered != 0 {
-            self.0[covered.trailing_zeros() as usize] *= 1.0 - alpha * share;
-            covered &= covered - 1;
+        let edges = Edges::of(triangle);
+        // Edge functions and their values near the tile are exact in f64.
+        let [e0, e1, e2] = [0, 1, 2].map(|k| {
+            let [a, b, c] = [edges.a[k], edges.b[k], edges.a[k] * i64::from(x) + edges.b[k] * i64::from(y) + edges.c[k]];
+            [a as f64, b as f64, c as f64]
+        });
+        let [points_x, points_y] = &frame.pattern.points_f64;
+        let left = 1.0 - alpha * share;
+        for ((passed, x), y) in self.0.iter_mut().zip(points_x).zip(points_y) {
+            let at = |e: [f64; 3]| e[0] * x + e[1] * y + e[2] >= 0.0;
+            *passed *= if at(e0) & at(e1) & at(e2) { left } else { 1.0 };
         }
     }
 

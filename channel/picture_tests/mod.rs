@@ -1,6 +1,7 @@
 //! Claims about whole pictures, against formulas and the brute-force sampler of [`crate::oracle`].
 
 pub(crate) mod distribution;
+mod exact;
 mod formulas;
 mod light;
 mod models;

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, clippy::print_stdout, reason = "tests: what can't go on fails, and figures are shown")]
 
 mod coverage;
+mod exact;
 mod scenes;
 mod table;
 

@@ -1,0 +1,70 @@
+//! `exact` against the integral: area times colour, with the true vertices.
+
+use super::*;
+use proto::frame::Background;
+
+/// A pixel may be wrong by this of full scale, by the design book's page *The right picture*.
+const ALLOWED: f64 = 1e-4;
+
+/// What `exact` and 64 points give of a pose of a built-in scene, against the integral.
+fn compared(name: &str, size: [u32; 2], background: Background) -> [Report; 2] {
+    let built = builtin::build(name).unwrap();
+    let scene = import::load_glb(&built.glb, built.name).unwrap();
+    let pose = &built.camera.poses[0];
+    let (content, mut state) = posed(&scene, pose);
+    state.environment.background = background;
+    let [width, height] = size;
+    let view = view(width, height, pose.lens(width, height), Samples::Exact);
+    let truth = reference::integrate(&content.world(), &state, &view, Vertices::Exact, 0.125).unwrap();
+    let reports = [Samples::Exact, Samples::SixtyFour].map(|samples| {
+        let (linear, _) = content.draw(&state, &View { samples, ..view });
+        compare(Shown::Linear(&linear), &truth)
+    });
+    for (samples, report) in ["exact", "64"].iter().zip(&reports) {
+        println!("{name}, {samples}: {report}");
+    }
+    reports
+}
+
+const CONSTANT: Background = Background::Constant([0.2, 0.3, 0.4]);
+
+#[test]
+fn flat_scenes_are_within_a_ten_thousandth_of_the_integral() {
+    for (name, size) in [("city", [160, 90]), ("runway", [320, 180]), ("overdraw", [80, 45])] {
+        let [exact, points] = compared(name, size, CONSTANT);
+        assert!(exact.all.max_linear <= ALLOWED, "{name}: {exact}");
+        assert!(exact.edges.rms_linear * 20.0 < points.edges.rms_linear, "{name}: {exact}\n{points}");
+    }
+}
+
+#[test]
+fn smooth_and_layered_scenes_are_near_the_integral() {
+    for (name, size) in [("dense", [80, 45]), ("smoke", [80, 45])] {
+        let [exact, points] = compared(name, size, CONSTANT);
+        assert!(exact.edges.rms_linear * 20.0 < points.edges.rms_linear, "{name}: {exact}\n{points}");
+    }
+}
+
+#[test]
+fn random_flat_scenes_are_within_a_ten_thousandth_of_the_integral() {
+    let mut random = Random(0xE8AC);
+    let tangents = Tangents { left: -1.0, right: 1.0, bottom: -0.75, top: 0.75 };
+    let mut worst = 0.0f64;
+    for round in 0..60 {
+        let mut content = random_content(&mut random, 25);
+        for mesh in content.meshes.values_mut() {
+            let mesh = Arc::make_mut(mesh);
+            (mesh.normals, mesh.colors) = (Vec::new(), Vec::new());
+            mesh.material.base_color[3] = mesh.material.base_color[3].max(0.01);
+        }
+        let mut state = state(Pose::IDENTITY);
+        state.environment.background = CONSTANT;
+        let view = view(32, 24, tangents, Samples::Exact);
+        let truth = reference::integrate(&content.world(), &state, &view, Vertices::Exact, 0.125).unwrap();
+        let (linear, _) = content.draw(&state, &view);
+        let report = compare(Shown::Linear(&linear), &truth);
+        worst = worst.max(report.all.max_linear);
+        assert!(report.all.max_linear <= ALLOWED, "round {round}: {report}");
+    }
+    println!("largest error {worst:e}");
+}
