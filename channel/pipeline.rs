@@ -86,6 +86,8 @@ pub struct DrawStats {
     pub pixels: ResolveCounts,
     /// Of these, pixels computed by areas.
     pub pixels_exact: u64,
+    /// Of these, pixels with too many faces for areas: see [`crate::exact::SAMPLES_INSTEAD`].
+    pub pixels_exact_by_points: u64,
     /// Tiles drawn.
     pub tiles: u64,
     /// Of these, tiles without a translucent fragment.
@@ -198,7 +200,6 @@ struct TileScratch {
     resolve: ResolveScratch,
     exact: ExactScratch,
 }
-
 
 /// One tile on its way through the stages.
 struct Job<'a> {
@@ -508,7 +509,10 @@ fn draw_tile<S: Simd>(
     if frame.pattern.is_exact() {
         simd.vectorize(
             #[inline(always)]
-            || stats.pixels_exact = integrate_tile(simd, tile, opaque, faces, exact, &mut job.out),
+            || {
+                [stats.pixels_exact, stats.pixels_exact_by_points] =
+                    integrate_tile(simd, tile, opaque, faces, exact, &mut job.out)
+            },
         );
     }
     stats.resolve_ns = nanoseconds(begun);
@@ -523,6 +527,7 @@ impl DrawStats {
         self.pixels.pixels_single += tile.pixels.pixels_single;
         self.pixels.pixels_multi += tile.pixels.pixels_multi;
         self.pixels_exact += tile.pixels_exact;
+        self.pixels_exact_by_points += tile.pixels_exact_by_points;
         self.tiles += tile.tiles;
         self.tiles_opaque += tile.tiles_opaque;
         self.raster_ns += tile.raster_ns;

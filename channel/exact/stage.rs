@@ -95,7 +95,8 @@ impl Default for ExactScratch {
 }
 
 /// Computes the pixels of a tile that points don't give exactly, and writes them over what is in `out`. The first `opaque` of the
-/// tile's triangles are not fragments. Returns the number of pixels computed.
+/// tile's triangles are not fragments. Returns how many it
+/// computed, and in how many of these the integrator had to fall back on points.
 #[inline(always)]
 pub fn integrate_tile<S: Simd>(
     simd: S,
@@ -104,11 +105,13 @@ pub fn integrate_tile<S: Simd>(
     faces: &mut TileFaces,
     scratch: &mut ExactScratch,
     out: &mut TileOutput<'_>,
-) -> u64 {
+) -> [u64; 2] {
+    let before = scratch.integrator.counts().sampled;
     scratch.begin(tile.numbers.len());
     scratch.cover(simd, tile.frame, tile.rect, &tile.numbers[..opaque]);
     scratch.gather(simd, tile.frame, tile.rect, tile.numbers);
-    scratch.finish(tile, faces, out)
+    let pixels = scratch.finish(tile, faces, out);
+    [pixels, scratch.integrator.counts().sampled - before]
 }
 
 impl ExactScratch {
@@ -293,7 +296,9 @@ impl ExactScratch {
             if cutoff.is_some() && !has_one_alpha(item) {
                 return None;
             }
-            let Some(fine) = fine_face(&mut self.known, &mut self.fine, frame, candidate.place, number) else { continue };
+            let Some(fine) = fine_face(&mut self.known, &mut self.fine, frame, candidate.place, number) else {
+                continue;
+            };
             let [r, g, b, alpha] = faces.colour(frame, rect, candidate.place, number, corner);
             if cutoff.is_some_and(|cutoff| alpha < cutoff) {
                 continue;
@@ -388,7 +393,8 @@ impl Passed {
         let edges = Edges::of(triangle);
         // Edge functions and their values near the tile are exact in f64.
         let [e0, e1, e2] = [0, 1, 2].map(|k| {
-            let [a, b, c] = [edges.a[k], edges.b[k], edges.a[k] * i64::from(x) + edges.b[k] * i64::from(y) + edges.c[k]];
+            let [a, b, c] =
+                [edges.a[k], edges.b[k], edges.a[k] * i64::from(x) + edges.b[k] * i64::from(y) + edges.c[k]];
             [a as f64, b as f64, c as f64]
         });
         let [points_x, points_y] = &frame.pattern.points_f64;
@@ -433,10 +439,10 @@ fn has_one_alpha(item: &Item<'_>) -> bool {
 fn within(frame: &Frame<'_>, triangle: &Triangle, [x, y]: [i32; 2]) -> u64 {
     let [[x0, x1], [y0, y1]] = triangle.pixels(frame.pattern.low, frame.pattern.high());
     let last = BLOCK as i32 - 1;
-    let [first_column, last_column, first_row, last_row] = each4(
-        [x0 - x / SUBPIXELS, x1 - x / SUBPIXELS, y0 - y / SUBPIXELS, y1 - y / SUBPIXELS],
-        |c| c.clamp(-1, last + 1),
-    );
+    let [first_column, last_column, first_row, last_row] =
+        each4([x0 - x / SUBPIXELS, x1 - x / SUBPIXELS, y0 - y / SUBPIXELS, y1 - y / SUBPIXELS], |c| {
+            c.clamp(-1, last + 1)
+        });
     let (first_column, last_column) = (first_column.max(0), last_column.min(last));
     let (first_row, last_row) = (first_row.max(0), last_row.min(last));
     if first_column > last_column || first_row > last_row {

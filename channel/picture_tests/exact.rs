@@ -44,7 +44,15 @@ fn a_face_that_meets_no_sample_has_its_area() {
     let speck = on_pixels([5.5, 5.501], [7.25, 7.251], 1.0, [1000.0, 1000.0, 1000.0, 1.0]);
     let picture = draw(&at_origin(vec![speck]), &state(), &exact());
     assert_near(picture.at(5, 7), [0.001; 3], 1000.0 * 0.001 * 3.0 * STEP);
-    assert_eq!(draw(&at_origin(vec![on_pixels([5.5, 5.501], [7.25, 7.251], 1.0, [1.0; 4])]), &state(), &view(16, 16, Samples::SixtyFour)).at(5, 7), [0.0; 3]);
+    assert_eq!(
+        draw(
+            &at_origin(vec![on_pixels([5.5, 5.501], [7.25, 7.251], 1.0, [1.0; 4])]),
+            &state(),
+            &view(16, 16, Samples::SixtyFour)
+        )
+        .at(5, 7),
+        [0.0; 3]
+    );
 }
 
 #[test]
@@ -164,10 +172,8 @@ fn same_bytes(store: &SceneStore, state: &proto::frame::FrameState, integrated: 
     }
     for (boards, mode) in [(2, Mode::Interleave), (5, Mode::Region)] {
         let setup = [ViewSetup { mode, ..ViewSetup::new(view) }];
-        let parts: Vec<Part> = (0..boards as u32)
-            .flat_map(|b| shares(BoardId(b), &vec![1; boards], &setup))
-            .map(|s| s.part)
-            .collect();
+        let parts: Vec<Part> =
+            (0..boards as u32).flat_map(|b| shares(BoardId(b), &vec![1; boards], &setup)).map(|s| s.part).collect();
         let picture = draw_with(&mut renderers[1], store, state, &view, &shuffled, &parts);
         assert!(picture == standard, "{boards} boards, {mode:?}");
     }

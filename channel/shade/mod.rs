@@ -124,4 +124,3 @@ struct ShadingPoint {
     x: i32,
     y: i32,
 }
-

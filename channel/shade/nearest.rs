@@ -12,9 +12,7 @@ use crate::samples::SUBPIXELS;
 pub(super) fn nearest(triangle: &Triangle, edges: &Edges, [x, y]: [i32; 2]) -> ([i32; 2], f64) {
     let half = f64::from(SUBPIXELS / 2);
     // Corners from the centre.
-    let corner = |k: usize| {
-        [f64::from(triangle.x[k % 3] - x) - half, f64::from(triangle.y[k % 3] - y) - half]
-    };
+    let corner = |k: usize| [f64::from(triangle.x[k % 3] - x) - half, f64::from(triangle.y[k % 3] - y) - half];
     let mut best = ([0.0; 2], f64::INFINITY);
     for k in 0..3 {
         let (a, b) = (corner(k), corner(k + 1));

@@ -41,7 +41,7 @@ fn flat_scenes_are_within_a_ten_thousandth_of_the_integral() {
 fn smooth_and_layered_scenes_are_near_the_integral() {
     for (name, size) in [("dense", [80, 45]), ("smoke", [80, 45])] {
         let [exact, points] = compared(name, size, CONSTANT);
-        assert!(exact.edges.rms_linear * 20.0 < points.edges.rms_linear, "{name}: {exact}\n{points}");
+        assert!(exact.edges.rms_linear * 10.0 < points.edges.rms_linear, "{name}: {exact}\n{points}");
     }
 }
 

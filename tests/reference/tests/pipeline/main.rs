@@ -86,7 +86,10 @@ impl Content {
         let list: Vec<SubobjectId> = (0..self.table.subobjects.len() as u32).map(SubobjectId).collect();
         let mut renderer = Renderer::new(NonZeroUsize::MIN).unwrap();
         let mut out = TilePictures::with_linear();
-        renderer.draw(&self.store(), state, view, &list, &proto::share::Part::WHOLE, &mut out).unwrap();
+        let stats = renderer.draw(&self.store(), state, view, &list, &proto::share::Part::WHOLE, &mut out).unwrap();
+        if stats.pixels_exact_by_points > 0 {
+            println!("{} of {} exact pixels by points", stats.pixels_exact_by_points, stats.pixels_exact);
+        }
         let pixels = (view.width * view.height) as usize;
         let (mut linear, mut bytes) = (vec![0.0; pixels * 3], vec![0; pixels * 3]);
         for (k, tile) in out.tiles.iter().enumerate() {
