@@ -219,10 +219,7 @@ impl<'a> TileCover<'a> {
             pattern,
             edges,
             corner: [left * SUBPIXELS, top * SUBPIXELS],
-            blocks: [
-                [(x[0] - left) >> block, (x[1] - left) >> block],
-                [(y[0] - top) >> block, (y[1] - top) >> block],
-            ],
+            blocks: [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]],
             least: each3([0, 1, 2], |k| edges.smallest(k, low, high)),
             most: each3([0, 1, 2], |k| edges.largest(k, low, high)),
             block_least: each3([0, 1, 2], |k| edges.smallest(k, low, block_high)),

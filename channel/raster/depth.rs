@@ -161,8 +161,7 @@ impl BlockDepth {
         let half = f64::from(SUBPIXELS / 2 - pattern.low) * slope;
         let first = plane.at(x + centre, y + centre);
         let side = f64::from(TILE as i32 * SUBPIXELS);
-        let reach =
-            half + ROUNDING_F32 * (first.abs() + side * slope) + ROUNDING * terms(plane, x, y, side) + TINIEST;
+        let reach = half + ROUNDING_F32 * (first.abs() + side * slope) + ROUNDING * terms(plane, x, y, side) + TINIEST;
         let block = f64::from(BLOCK as i32 * SUBPIXELS);
         let pixel = f64::from(SUBPIXELS);
         Self {

@@ -69,7 +69,13 @@ pub fn pixels_of_view(rect: PixelRect) -> [u64; BLOCKS] {
 
 /// Whether a triangle is surely hidden in the whole tile.
 #[inline(always)]
-pub fn hidden_in_tile<S: Simd>(simd: S, frame: &Frame<'_>, triangle: &Triangle, rect: PixelRect, visible: &mut Visible) -> bool {
+pub fn hidden_in_tile<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    triangle: &Triangle,
+    rect: PixelRect,
+    visible: &mut Visible,
+) -> bool {
     let far = visible.tile_far(simd);
     if far == f32::NEG_INFINITY {
         return false;
@@ -155,7 +161,11 @@ pub fn draw_opaque<S: Simd>(
                     let wins_ties = || frame.order(number) > frame.order(other);
                     in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties)
                 };
-                let mask = if is_whole { mask } else { remaining(frame, number, [px, py], pixel, mask, visible, faces, front) };
+                let mask = if is_whole {
+                    mask
+                } else {
+                    remaining(frame, number, [px, py], pixel, mask, visible, faces, front)
+                };
                 if mask != 0 {
                     counts.covered_pixels += 1;
                     visible.put(pixel, face, mask, front);

@@ -9,9 +9,9 @@ use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
 use crate::raster::visible::{NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
-use crate::simd::{each3, each4};
 use crate::shade::tile::{Batch, Look, TileFaces};
-use crate::translucency::blend::{BlockLight, Blender};
+use crate::simd::{each3, each4};
+use crate::translucency::blend::{Blender, BlockLight};
 use crate::translucency::gather::TileLayers;
 use fearless_simd::{Simd, prelude::*, u32x16};
 use proto::frame::{Background, PixelRect};
@@ -229,7 +229,8 @@ fn resolve_block<S: Simd>(
                     continue;
                 }
                 Look::General => {
-                    let [r, g, b, _] = frame.pixel_colour(faces.general(), numbers[place as usize], corner[0], corner[1]);
+                    let [r, g, b, _] =
+                        frame.pixel_colour(faces.general(), numbers[place as usize], corner[0], corner[1]);
                     [r, g, b]
                 }
             }

@@ -433,8 +433,7 @@ impl Blender {
             fill(open, &|i| sky.at(frame.camera, pattern.points[i]));
         }
         let fragments = tile.layers.of_pixel(block, bit, pattern.full);
-        let samples =
-            self.samples.get_or_insert_with(|| Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]));
+        let samples = self.samples.get_or_insert_with(|| Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]));
         let composed = self.compose.compose(tile, faces, corner, fragments, samples);
         let mut sum = [0.0f64; 3];
         for (behind, sample) in behind[..pattern.count].iter().zip(samples.iter()) {
