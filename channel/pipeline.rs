@@ -511,7 +511,7 @@ fn draw_tile<S: Simd>(
             #[inline(always)]
             || {
                 [stats.pixels_exact, stats.pixels_exact_by_points] =
-                    integrate_tile(simd, tile, opaque, faces, exact, &mut job.out)
+                    integrate_tile(simd, tile, opaque, faces, exact, &mut job.out);
             },
         );
     }

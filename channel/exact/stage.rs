@@ -451,7 +451,7 @@ fn within(frame: &Frame<'_>, triangle: &Triangle, [x, y]: [i32; 2]) -> u64 {
     // Bits first to last of eight, in each byte; then of 64, eight by eight.
     let columns = (0xffu64 >> (last - last_column)) & (0xff << first_column);
     let rows = (u64::MAX >> (8 * (last - last_row))) & (u64::MAX << (8 * first_row));
-    columns * 0x0101_0101_0101_0101 & rows
+    (columns * 0x0101_0101_0101_0101) & rows
 }
 
 /// The fine corners of the face at `place` of the tile's list; `None` if it has no area.
