@@ -18,6 +18,7 @@
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
 #![forbid(unsafe_code)]
+#![allow(clippy::needless_range_loop, reason = "lanes and channels are indices into several arrays at once")]
 
 pub mod exact;
 pub mod frame;

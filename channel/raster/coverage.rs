@@ -276,9 +276,9 @@ impl<'a> TileCover<'a> {
             let mut steps = columns * a + rows * b;
             for group in 0..4 {
                 // A negative number's sign bit survives an OR.
-                outside[group] = outside[group] | (steps + most);
-                partial[group] = partial[group] | (steps + least);
-                steps = steps + 2 * b;
+                outside[group] |= steps + most;
+                partial[group] |= steps + least;
+                steps += 2 * b;
             }
         }
         let touched = not_negative_64(simd, outside);

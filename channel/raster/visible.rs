@@ -165,7 +165,7 @@ impl Visible {
     #[inline(always)]
     pub fn tile_far<S: Simd>(&mut self, simd: S) -> f32 {
         self.questions += 1;
-        if self.is_old && self.questions % RENEWED_EVERY == 0 {
+        if self.is_old && self.questions.is_multiple_of(RENEWED_EVERY) {
             self.is_old = false;
             let mut rest = self.changed;
             while rest != 0 {

@@ -610,6 +610,7 @@ fn general(tile: Resolved<'_>, block: usize, layer: &Layer, faces: &mut TileFace
 
 /// Saturation of a layer in 16 pixels of each of the block's four groups.
 #[derive(Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "one at a time, on the stack")]
 enum Alpha {
     One(f32),
     Each([f32; BLOCK_PIXELS]),
