@@ -80,8 +80,8 @@ pub struct FineFace {
 enum Depth {
     /// A plane of the scene that it shares with others.
     Shared(Plane),
-    /// Its own corners: the inverse distance at the first, and the changes per pixel to the right and downwards.
-    Own([f64; 3]),
+    /// Its own corners; see [`plane_through`].
+    Own([f64; 5]),
 }
 
 impl FineFace {
@@ -101,10 +101,11 @@ impl FineFace {
         let depth = if triangle.flags.has(Flags::SHARED_PLANE) {
             Depth::Shared(triangle.plane())
         } else {
-            let (q1, q2) = (q[1] - q[0], q[2] - q[0]);
-            let dx = (q1 * (y[2] - y[0]) - q2 * (y[1] - y[0])) / area;
-            let dy = (q2 * (x[1] - x[0]) - q1 * (x[2] - x[0])) / area;
-            Depth::Own([q[0], dx, dy])
+            // From the true corners, unless the face has no area there: where surfaces meet or coincide, a plane through rounded
+            // ones would cross the other surface elsewhere.
+            let truly = order.map(|k| frame.camera.project(points[k]));
+            let rounded = order.map(|k| places[k]);
+            Depth::Own(plane_through(truly, q).or_else(|| plane_through(rounded, q))?)
         };
         Some(Self { x, y, depth })
     }
@@ -114,12 +115,22 @@ impl FineFace {
         let per_pixel = f64::from(SUBPIXELS);
         match self.depth {
             Depth::Shared(plane) => [plane.at(x_sub, y_sub), plane.dx * per_pixel, plane.dy * per_pixel],
-            Depth::Own([q, dx, dy]) => {
-                let (x, y) = (f64::from(x_sub) / per_pixel - self.x[0], f64::from(y_sub) / per_pixel - self.y[0]);
+            Depth::Own([q, dx, dy, x0, y0]) => {
+                let (x, y) = (f64::from(x_sub) / per_pixel - x0, f64::from(y_sub) / per_pixel - y0);
                 [q + (x * dx + y * dy), dx, dy]
             }
         }
     }
+}
+
+/// The plane of inverse distance through three corners: its value at the first, its change per pixel to the right and downwards, and where
+/// the first corner is, pixels. `None` without an area.
+fn plane_through([a, b, c]: [[f64; 2]; 3], q: [f64; 3]) -> Option<[f64; 5]> {
+    let area = fine_area_twice([a, b, c]);
+    let (q1, q2) = (q[1] - q[0], q[2] - q[0]);
+    let dx = (q1 * (c[1] - a[1]) - q2 * (b[1] - a[1])) / area;
+    let dy = (q2 * (b[0] - a[0]) - q1 * (c[0] - a[0])) / area;
+    (area > 0.0 && dx.is_finite() && dy.is_finite()).then_some([q[0], dx, dy, a[0], a[1]])
 }
 
 /// The corners of a triangle in space.

@@ -239,7 +239,7 @@ mod tests {
         for round in 0..4000 {
             let pattern = Pattern::of([Samples::One, Samples::Four, Samples::Eight, Samples::SixtyFour][round % 4]);
             let [x, y] = [0; 2].map(|_| random.below(1 << 20) as i32);
-            let slope = 10f64.powi(random.below(12) as i32 - 12);
+            let slope = libm::exp10((random.below(12) as i32 - 12).into());
             let level = [1.0, 1e-6][round % 2] * random.signed();
             let faces: Vec<Triangle> = (0..2)
                 .map(|_| {
@@ -276,8 +276,8 @@ mod tests {
         for round in 0..3000 {
             let samples = [Samples::One, Samples::Four, Samples::Sixteen, Samples::SixtyFour][round % 4];
             let pattern = Pattern::of(samples);
-            let magnitude = 10f64.powi(random.below(60) as i32 - 40);
-            let slope = magnitude * 10f64.powi(random.below(16) as i32 - 12);
+            let magnitude = libm::exp10((random.below(60) as i32 - 40).into());
+            let slope = magnitude * libm::exp10((random.below(16) as i32 - 12).into());
             let plane = Plane {
                 q: magnitude * random.signed(),
                 dx: slope * random.signed(),
