@@ -46,6 +46,8 @@ void main() {
 /// What is looked at, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Look {
+    /// Width and height of the picture, pixels.
+    pub size: [u32; 2],
     /// Samples of a pixel; 0: no multisampling.
     pub samples: u32,
     /// Of the view, world frame.
@@ -85,14 +87,13 @@ pub enum PeerError {
 #[derive(Debug)]
 pub struct Peer {
     context: Context,
-    size: [u32; 2],
     geometry: Geometry,
     passes: Vec<(State, Vec<Batch>)>,
     translucent: Vec<Batch>,
     timed: Program,
     fine: Program,
-    /// By samples; made when first asked for.
-    targets: BTreeMap<u32, Target>,
+    /// By size and samples; made when first asked for.
+    targets: BTreeMap<([u32; 2], u32), Target>,
     order: Vec<(f64, usize)>,
 }
 
@@ -101,19 +102,14 @@ impl Peer {
     ///
     /// # Errors
     /// When there is no llvmpipe, or the scene has what the peer doesn't draw.
-    pub fn new(
-        table: &SceneTable,
-        meshes: &BTreeMap<ContentId, Arc<Mesh>>,
-        width: u32,
-        height: u32,
-    ) -> Result<Self, PeerError> {
+    pub fn new(table: &SceneTable, meshes: &BTreeMap<ContentId, Arc<Mesh>>) -> Result<Self, PeerError> {
         let Baked { vertices, indices, passes, translucent } = bake(table, meshes)?;
         let context = Context::new()?;
         let geometry = context.geometry(&vertices, &indices)?;
         let timed = context.program(VERTEX, FRAGMENT)?;
         let fine = context.program(FINE_VERTEX, FINE_FRAGMENT)?;
         let (targets, order) = (BTreeMap::new(), Vec::new());
-        Ok(Self { context, size: [width, height], geometry, passes, translucent, timed, fine, targets, order })
+        Ok(Self { context, geometry, passes, translucent, timed, fine, targets, order })
     }
 
     /// The driver's name.
@@ -131,11 +127,12 @@ impl Peer {
     /// # Errors
     /// [`GlError`]
     pub fn draw(&mut self, look: &Look) -> Result<Drawn, PeerError> {
-        if !self.targets.contains_key(&look.samples) {
-            let target = self.context.target(self.size, look.samples, Format::Rgba8)?;
-            self.targets.insert(look.samples, target);
+        let kind = (look.size, look.samples);
+        if !self.targets.contains_key(&kind) {
+            let target = self.context.target(look.size, look.samples, Format::Rgba8)?;
+            self.targets.insert(kind, target);
         }
-        let target = &self.targets[&look.samples];
+        let target = &self.targets[&kind];
         let started = Instant::now();
         let scene = (&self.passes[..], &self.translucent[..]);
         let triangles = frame(&self.context, target, &self.timed, &self.geometry, scene, look, &mut self.order);
@@ -149,7 +146,7 @@ impl Peer {
     /// # Errors
     /// [`GlError`]
     pub fn picture(&mut self, look: &Look) -> Result<Vec<f32>, PeerError> {
-        let target = self.context.target(self.size, look.samples, Format::Rgba32F)?;
+        let target = self.context.target(look.size, look.samples, Format::Rgba32F)?;
         let scene = (&self.passes[..], &self.translucent[..]);
         frame(&self.context, &target, &self.fine, &self.geometry, scene, look, &mut self.order);
         Ok(self.context.read(&target)?)
@@ -232,13 +229,14 @@ mod tests {
             table.subobjects.push(SubobjectRow { object, mesh: mesh_id, primitive: number, layer, part_of, planes });
             all.insert(mesh_id, Arc::new(mesh));
         }
-        let mut peer = match Peer::new(&table, &all, 64, 64) {
+        let mut peer = match Peer::new(&table, &all) {
             Ok(peer) => peer,
             // The suite must pass on machines without Mesa.
             Err(error) => return println!("not drawn here: {error}"),
         };
         for samples in [0, 4] {
             let look = Look {
+                size: [64, 64],
                 samples,
                 pose: Pose::IDENTITY,
                 tangents: Tangents { left: -1.0, right: 1.0, bottom: -1.0, top: 1.0 },

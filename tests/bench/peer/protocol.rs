@@ -155,12 +155,12 @@ impl Child {
         self.line.draw(look)
     }
 
-    /// The peer's picture, of `floats` = `width × height × 3` linear values, row-major.
+    /// The peer's picture: linear values, row-major, `width × height × 3`.
     ///
     /// # Errors
     /// [`ChildError`]
-    pub fn picture(&mut self, look: &Look, floats: usize) -> Result<Vec<f32>, ChildError> {
-        self.line.picture(look, floats)
+    pub fn picture(&mut self, look: &Look) -> Result<Vec<f32>, ChildError> {
+        self.line.picture(look)
     }
 }
 
@@ -197,7 +197,8 @@ impl<R: BufRead, W: Write> Line<R, W> {
         }
     }
 
-    fn picture(&mut self, look: &Look, expected: usize) -> Result<Vec<f32>, ChildError> {
+    fn picture(&mut self, look: &Look) -> Result<Vec<f32>, ChildError> {
+        let expected = look.size[0] as usize * look.size[1] as usize * 3;
         say(&mut self.output, &Request::Picture(*look))?;
         match self.hear()? {
             Reply::Picture { floats } if floats == expected => {
@@ -223,6 +224,7 @@ mod tests {
     use proto::view::{Pose, Tangents};
 
     const LOOK: Look = Look {
+        size: [1, 1],
         samples: 4,
         pose: Pose::IDENTITY,
         tangents: Tangents { left: -1.0, right: 1.0, bottom: -0.5, top: 0.5 },
@@ -250,14 +252,14 @@ mod tests {
         said.extend([0.25f32, -1.0, 3.5].iter().flat_map(|value| value.to_le_bytes()));
         said.extend(b"{\"failed\":{\"why\":\"tired\"}}\n");
         let mut line = line(&said);
-        assert_eq!(line.picture(&LOOK, 3).unwrap(), [0.25, -1.0, 3.5]);
-        let error = line.picture(&LOOK, 3).unwrap_err();
+        assert_eq!(line.picture(&LOOK).unwrap(), [0.25, -1.0, 3.5]);
+        let error = line.picture(&LOOK).unwrap_err();
         assert!(error.to_string().contains("tired"), "{error}");
     }
 
     #[test]
     fn a_picture_of_another_size_is_not_read() {
-        let error = line(b"{\"picture\":{\"floats\":999999999999}}\n").picture(&LOOK, 3).unwrap_err();
+        let error = line(b"{\"picture\":{\"floats\":999999999999}}\n").picture(&LOOK).unwrap_err();
         assert!(matches!(error, ChildError::Garbled { .. }), "{error}");
     }
 
