@@ -15,6 +15,9 @@ use std::io::{stdin, stdout};
 use std::num::NonZeroUsize;
 use std::process::Command;
 
+/// Frames before the first that counts.
+const WARM_UP: usize = 3;
+
 /// `cyclorama bench peer`: alone, or the child of a benchmark.
 pub(crate) fn peer(args: &PeerArgs) -> Result<(), CommandError> {
     if args.serve { answer(args) } else { alone(args) }
@@ -34,7 +37,7 @@ fn answer(args: &PeerArgs) -> Result<(), CommandError> {
     }
 }
 
-/// Starts a child for this scene. `None` of [`ChildError::Unavailable`] is an error of the command: the peer is one more row.
+/// Starts a child for this scene. The inner error says why there can be none, which fails nothing: its rows are left out.
 pub(super) fn start(scene: &str, threads: NonZeroUsize) -> Result<Result<Child, String>, CommandError> {
     let program = std::env::current_exe().map_err(|error| CommandError::said(format!("this program: {error}")))?;
     let mut command = Command::new(program);
@@ -48,7 +51,7 @@ pub(super) fn start(scene: &str, threads: NonZeroUsize) -> Result<Result<Child, 
 
 /// What went wrong with a child that was there.
 pub(super) fn failed(error: ChildError) -> CommandError {
-    CommandError::said(format!("the peer for {:?}: {error}", Renderer::Llvmpipe.to_string()))
+    CommandError::said(format!("{}: {error}", Renderer::Llvmpipe))
 }
 
 /// What the peer draws of this; `Err` says why it can't.
@@ -85,7 +88,7 @@ fn alone(args: &PeerArgs) -> Result<(), CommandError> {
             let (state, view) = look(pose, args.size, &air, Samples::One)?;
             let look = peer_look(&state, &view, samples).map_err(CommandError::said)?;
             // The first frames compile shaders and touch memory.
-            for _ in 0..if k == 0 { 3 } else { 0 } {
+            for _ in 0..if k == 0 { WARM_UP } else { 0 } {
                 child.draw(&look).map_err(failed)?;
             }
             times.push(child.draw(&look).map_err(failed)?.ms);
