@@ -345,11 +345,13 @@ pub(crate) struct InspectArgs {
 pub(crate) enum BenchCommand {
     /// Time to draw scenes, and with --reference their error
     Pixels(Box<PixelsArgs>),
+    /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
+    Peer(PeerArgs),
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
+    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels --peer --reference --reference-size 480x270 --plot charts\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
 )]
 pub(crate) struct PixelsArgs {
     /// glTF files or names of built-in scenes; the five benchmark scenes by default
@@ -371,15 +373,49 @@ pub(crate) struct PixelsArgs {
     /// How many poses, spread over the camera path
     #[arg(long, default_value = "10", value_name = "N")]
     pub poses: NonZeroUsize,
+    /// Draw everything with llvmpipe too, pose by pose in turn; the background is then constant. Needs Mesa
+    #[arg(long)]
+    pub peer: bool,
     /// Compare the middle pose's picture with the reference renderer's; slow
     #[arg(long)]
     pub reference: bool,
+    /// Size of the pictures that are compared; that of --size by default, where `smoke` takes most of an hour
+    #[arg(long, value_name = "WxH", value_parser = size, requires = "reference")]
+    pub reference_size: Option<(u32, u32)>,
     /// Write difference pictures into this folder
     #[arg(long, value_name = "DIR", requires = "reference")]
     pub diff: Option<PathBuf>,
     /// Write a chart of error against time per scene into this folder
     #[arg(long, value_name = "DIR", requires = "reference")]
     pub plot: Option<PathBuf>,
+    /// Keep the report in this folder, as pixels-DATE-COMMIT.json
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench peer city --poses 60")]
+pub(crate) struct PeerArgs {
+    /// A glTF file or the name of a built-in scene
+    pub scene: String,
+    /// Size of the picture, pixels
+    #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel, one row for each: 0 or what the driver offers
+    #[arg(long, default_value = "0,4", value_delimiter = ',', value_name = "N")]
+    pub samples: Vec<usize>,
+    /// Threads to rasterize with
+    #[arg(long, default_value = "2", value_name = "N")]
+    pub threads: NonZeroUsize,
+    /// How many poses, spread over the camera path
+    #[arg(long, default_value = "60", value_name = "N")]
+    pub poses: NonZeroUsize,
+    /// Be the child of a benchmark: answer on stdout what is asked on stdin
+    #[arg(long, hide = true)]
+    pub serve: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
