@@ -10,7 +10,7 @@ use crate::raster::opaque::{block_corner, pixel_corner};
 use crate::raster::visible::{NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
 use crate::simd::{each3, each4};
-use crate::shade::tile::{Batch, Look, TileFaces};
+use crate::shade::tile::{Batch, Look, NO_CODE, TileFaces, finite};
 use crate::translucency::blend::{BlockLight, Blender};
 use crate::translucency::gather::TileLayers;
 use fearless_simd::{Simd, prelude::*, u32x16};
@@ -169,6 +169,14 @@ fn by_normal<S: Simd>(
     }
 }
 
+/// The pixels of a block of which the view has so many columns and rows.
+#[inline(always)]
+fn in_view(columns: u32, rows: u32) -> u64 {
+    let row = 0xffu64 >> BLOCK.saturating_sub(columns);
+    let rows_after = BLOCK.saturating_sub(rows) * BLOCK;
+    (row * 0x0101_0101_0101_0101) & (u64::MAX >> rows_after)
+}
+
 /// A block pixel by pixel, but for the pixels `done`.
 #[inline(always)]
 fn resolve_block<S: Simd>(
@@ -188,18 +196,27 @@ fn resolve_block<S: Simd>(
     let (columns, rows) = (rect.width() - left, rect.height() - top);
     let [x0, y0] = block_corner(rect, block);
     scratch.batch.count = 0;
-    let mut single = 0;
+    let mut rest = in_view(columns, rows) & !done;
     let mut multi = 0;
-    for bit in 0..BLOCK_PIXELS {
-        let (column, row) = (bit as u32 % BLOCK, bit as u32 / BLOCK);
-        if column >= columns || row >= rows || done >> bit & 1 != 0 {
-            continue;
+    counts.pixels_single += u64::from(rest.count_ones());
+    // Faces of one colour that were met before, and the background, are a look into a table.
+    if !with_linear {
+        let background = constant_background.map_or(NO_CODE, |(_, code)| code);
+        let known = faces.codes();
+        for (bit, (cell, code)) in cells.iter().zip(&mut scratch.block.codes).enumerate() {
+            let found = if *cell == NOTHING { background } else { known.get(*cell as usize).copied().unwrap_or(NO_CODE) };
+            let is_found = found != NO_CODE;
+            *code = if is_found { found } else { *code };
+            rest &= !(u64::from(is_found) << bit);
         }
+    }
+    while rest != 0 {
+        let bit = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        let (column, row) = (bit as u32 % BLOCK, bit as u32 / BLOCK);
         let cell = cells[bit];
-        let pixel = block * BLOCK_PIXELS + bit;
         let corner = [x0 + column as i32 * SUBPIXELS, y0 + row as i32 * SUBPIXELS];
         let colour = if cell == NOTHING {
-            single += 1;
             if let Some((colour, code)) = constant_background {
                 scratch.block.codes[bit] = code;
                 scratch.block.linear[bit] = colour;
@@ -207,7 +224,6 @@ fn resolve_block<S: Simd>(
             }
             Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, frame.pattern, frame.pattern.full)
         } else if let Some(place) = Visible::single(cell) {
-            single += 1;
             match faces.look(frame, rect, place, numbers[place as usize]) {
                 Look::Constant([r, g, b, _], code) => {
                     scratch.block.codes[bit] = code;
@@ -235,13 +251,13 @@ fn resolve_block<S: Simd>(
             }
         } else {
             multi += 1;
-            several(tile, pixel, faces, scratch)
+            several(tile, block * BLOCK_PIXELS + bit, faces, scratch)
         };
         scratch.block.codes[bit] = frame.encoder.rgb(colour);
         scratch.block.linear[bit] = colour;
     }
     flush(simd, frame, faces, scratch, with_linear);
-    counts.pixels_single += single;
+    counts.pixels_single -= multi;
     counts.pixels_multi += multi;
 }
 
@@ -253,10 +269,11 @@ fn flush<S: Simd>(simd: S, frame: &Frame<'_>, faces: &TileFaces, scratch: &mut R
         return;
     }
     let colours = scratch.batch.colours(simd, frame, faces);
-    for (bit, [r, g, b, _]) in scratch.batched[..count].iter().zip(colours) {
-        scratch.block.codes[usize::from(*bit)] = frame.encoder.rgb([r, g, b]);
+    for (bit, colour) in scratch.batched[..count].iter().zip(colours) {
+        scratch.block.codes[usize::from(*bit)] = frame.encoder.rgb_of(simd, colour);
         if with_linear {
-            scratch.block.linear[usize::from(*bit)] = [r, g, b];
+            let [r, g, b, _] = colour;
+            scratch.block.linear[usize::from(*bit)] = each3([r, g, b], finite);
         }
     }
     scratch.batch.count = 0;

@@ -16,7 +16,7 @@ use crate::geometry::setup::{Flags, WHOLE_FACE};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::samples::SUBPIXELS;
 use crate::simd::{each3, each4};
-use fearless_simd::{Simd, f32x16, prelude::*};
+use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
 use proto::frame::{PixelRect, TILE};
 
 /// Largest corner weight anywhere in the tile that is taken the quick way: it costs f32 ten of its 24 bits.
@@ -52,18 +52,6 @@ pub enum Look {
     General,
 }
 
-impl Look {
-    /// Alpha, where it is one all over the face.
-    #[inline(always)]
-    pub fn alpha(&self, faces: &TileFaces) -> Option<f32> {
-        match self {
-            Self::Constant([_, _, _, alpha], _) => Some(*alpha),
-            Self::ByNormal(index) => Some(faces.by_normal(*index).alpha()),
-            Self::General => None,
-        }
-    }
-}
-
 /// The sun as the quick way needs it.
 #[derive(Clone, Copy, Debug)]
 struct Sun {
@@ -75,19 +63,33 @@ struct Sun {
 /// The faces of a tile, by their place in its list. One per thread, used again.
 #[derive(Debug, Default)]
 pub struct TileFaces {
-    /// Index into `looks`, or [`UNKNOWN`].
+    /// How each is shaded: [`UNKNOWN`], or one of the kinds below above [`INDEX_BITS`] and an index in them.
     known: Vec<u32>,
-    looks: Vec<Look>,
+    /// The bytes of faces of one colour by *place*, `0x00BBGGRR`; [`NO_CODE`] of all others.
+    codes: Vec<u32>,
+    constants: Vec<([f32; 4], u32)>,
     normals: Vec<ByNormal>,
     general: FaceCache,
 }
 
+/// Below the kind in [`TileFaces::known`].
+const INDEX_BITS: u32 = 30;
+const CONSTANT: u32 = 0;
+const BY_NORMAL: u32 = 1;
+const GENERAL: u32 = 2;
+
+/// Not the bytes of any colour.
+pub const NO_CODE: u32 = u32::MAX;
+
 impl TileFaces {
     /// Forgets all faces and makes room for the `count` of the next tile.
     pub fn begin(&mut self, count: usize) {
+        assert!(count < 1 << INDEX_BITS, "an index and its kind share a number");
         self.known.clear();
         self.known.resize(count, UNKNOWN);
-        self.looks.clear();
+        self.codes.clear();
+        self.codes.resize(count, NO_CODE);
+        self.constants.clear();
         self.normals.clear();
         self.general.clear();
     }
@@ -103,32 +105,53 @@ impl TileFaces {
         &self.normals[index as usize]
     }
 
+    /// By place, the bytes of the faces of one colour that were looked at; [`NO_CODE`] for all others.
+    #[inline(always)]
+    pub fn codes(&self) -> &[u32] {
+        &self.codes
+    }
+
     /// How the face at `place` of the tile's list, triangle `number`, is shaded.
     #[inline(always)]
     pub fn look(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> Look {
-        let known = self.known[place as usize];
-        if known != UNKNOWN {
-            return self.looks[known as usize];
+        let mut known = self.known[place as usize];
+        if known == UNKNOWN {
+            known = self.find(frame, rect, place, number);
         }
-        self.find(frame, rect, place, number)
+        let index = known & ((1 << INDEX_BITS) - 1);
+        match known >> INDEX_BITS {
+            BY_NORMAL => Look::ByNormal(index),
+            CONSTANT => {
+                let (colour, code) = self.constants[index as usize];
+                Look::Constant(colour, code)
+            }
+            _ => Look::General,
+        }
     }
 
     #[inline(never)]
-    fn find(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> Look {
-        let look = match quick(frame, rect, number) {
-            Some(Quick::Constant(colour)) => Look::Constant(colour, frame.encoder.rgb([colour[0], colour[1], colour[2]])),
+    fn find(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> u32 {
+        let constant = match quick(frame, rect, number) {
             Some(Quick::ByNormal(face)) => {
                 self.normals.push(face);
-                Look::ByNormal(self.normals.len() as u32 - 1)
+                let known = BY_NORMAL << INDEX_BITS | (self.normals.len() as u32 - 1);
+                self.known[place as usize] = known;
+                return known;
             }
-            None => match (self.general.of(frame, number).constant, frame.fade) {
-                (Some(c), None) => Look::Constant(c, frame.encoder.rgb([c[0], c[1], c[2]])),
-                _ => Look::General,
-            },
+            Some(Quick::Constant(colour)) => Some(colour),
+            None => self.general.of(frame, number).constant.filter(|_| frame.fade.is_none()),
         };
-        self.known[place as usize] = self.looks.len() as u32;
-        self.looks.push(look);
-        look
+        let known = match constant {
+            None => GENERAL << INDEX_BITS,
+            Some(colour) => {
+                let code = frame.encoder.rgb([colour[0], colour[1], colour[2]]);
+                self.codes[place as usize] = code;
+                self.constants.push((colour, code));
+                CONSTANT << INDEX_BITS | (self.constants.len() as u32 - 1)
+            }
+        };
+        self.known[place as usize] = known;
+        known
     }
 
     /// Linear RGB and alpha of the face at `place` in the pixel whose upper left is (x, y) sub.
@@ -251,6 +274,13 @@ impl ByNormal {
         [r, g, b, self.base[3]]
     }
 
+    /// A multiple of the normal at a place.
+    #[inline(always)]
+    fn direction<S: Simd>(&self, simd: S, x: f32, y: f32) -> [f32; 4] {
+        let [normal, right, down] = each3([self.normal, self.right, self.down], |v| f32x4::simd_from(simd, v));
+        (normal + (right * x + down * y)).into()
+    }
+
     /// Linear RGB at the centres of a block's 64 pixels.
     #[inline(always)]
     pub fn block<S: Simd>(&self, simd: S, frame: &Frame<'_>, block: usize) -> [[f32x16<S>; 4]; 3] {
@@ -308,14 +338,13 @@ impl Default for Batch {
 }
 
 impl Batch {
-    /// Linear RGB of each place, as [`ByNormal::at`] gives it.
+    /// Linear RGB of each place, as [`ByNormal::at`] gives it but for numbers that are none or out of range.
     #[inline(always)]
     pub fn colours<S: Simd>(&self, simd: S, frame: &Frame<'_>, faces: &TileFaces) -> [[f32; 4]; 16] {
         let mut n = [[0.0f32; 16]; 3];
         for i in 0..self.count {
             let face = faces.by_normal(self.faces[i]);
-            let (x, y) = (self.x[i], self.y[i]);
-            let at = each4([0, 1, 2, 3], |k| face.normal[k] + (face.right[k] * x + face.down[k] * y));
+            let at = face.direction(simd, self.x[i], self.y[i]);
             for k in 0..3 {
                 n[k][i] = at[k];
             }
@@ -324,7 +353,8 @@ impl Batch {
         let mut out = [[0.0; 4]; 16];
         for i in 0..self.count {
             let face = faces.by_normal(self.faces[i]);
-            out[i] = each4([0, 1, 2, 3], |c| finite(face.base[c] * light[i] + face.emissive[c]));
+            let base = f32x4::simd_from(simd, face.base);
+            (base * light[i] + f32x4::simd_from(simd, face.emissive)).store_slice(&mut out[i]);
         }
         out
     }
@@ -332,7 +362,7 @@ impl Batch {
 
 /// Numbers in meshes may be huge; what they multiply to stays a number. NaN counts as 0.
 #[inline(always)]
-pub(super) fn finite(c: f32) -> f32 {
+pub fn finite(c: f32) -> f32 {
     if c.is_nan() { 0.0 } else { c.clamp(f32::MIN, f32::MAX) }
 }
 
