@@ -17,13 +17,14 @@
 //!
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
-#![forbid(unsafe_code)]
+// `unsafe` is in `prefetch` alone.
 
 pub mod exact;
 pub mod frame;
 pub mod geometry;
 pub mod lights;
 pub mod pipeline;
+mod prefetch;
 pub mod raster;
 pub mod resolve;
 pub mod samples;

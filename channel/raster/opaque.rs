@@ -12,10 +12,14 @@ use super::visible::{Arriving, Visible};
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Triangle};
 use crate::pipeline::Skips;
+use crate::prefetch::prefetch;
 use crate::samples::SUBPIXELS;
 use crate::shade::FaceCache;
 use fearless_simd::Simd;
 use proto::frame::PixelRect;
+
+/// How many triangles ahead memory is asked for. A guess: a few times what a small one takes.
+const AHEAD: usize = 6;
 
 /// What became of a tile's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -106,6 +110,9 @@ pub fn draw_opaque<S: Simd>(
     let pattern = frame.pattern;
     for (place, &number) in numbers.iter().enumerate() {
         let triangle = frame.triangle(number);
+        if let Some(next) = numbers.get(place + AHEAD) {
+            prefetch(frame.triangle(*next));
+        }
         if skips.occluded && hidden_in_tile(simd, frame, triangle, rect, visible) {
             counts.occluded += 1;
             continue;

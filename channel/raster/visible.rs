@@ -23,7 +23,7 @@ const LIST: u32 = 1 << 31;
 const END: u32 = u32::MAX;
 
 /// Triangles from one look at the whole tile to the next. A guess: looking costs about as much as drawing a small one.
-const RENEWED_EVERY: u32 = 8;
+const RENEWED_EVERY: u32 = 4;
 
 /// Most triangles of a tile: numbers must leave the bit that marks a list alone.
 pub const TILE_TRIANGLES_MAX: usize = (LIST - 1) as usize;

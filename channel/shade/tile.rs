@@ -15,7 +15,7 @@ use crate::frame::Frame;
 use crate::geometry::setup::{Flags, WHOLE_FACE};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::samples::SUBPIXELS;
-use crate::simd::{each3, each4};
+use crate::simd::each3;
 use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
 use proto::frame::{PixelRect, TILE};
 
@@ -206,11 +206,14 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     }
     let all = run.normals_of(triangle.item as usize)?;
     let vertices = mesh.triangles[triangle.face as usize];
-    let behind = if triangle.flags.has(Flags::BEHIND) { -1.0 } else { 1.0 };
-    let [a, b, c] = each3(vertices, |v| each4(all[v as usize], |n| n * behind));
-    let is_missing = |n: [f32; 4]| n == [0.0; 4];
-    if is_missing(a) || is_missing(b) || is_missing(c) {
+    let [mut a, mut b, mut c] = [all[vertices[0] as usize], all[vertices[1] as usize], all[vertices[2] as usize]];
+    if a == [0.0; 4] || b == [0.0; 4] || c == [0.0; 4] {
         return None;
+    }
+    if triangle.flags.has(Flags::BEHIND) {
+        for n in [&mut a, &mut b, &mut c] {
+            *n = [-n[0], -n[1], -n[2], 0.0];
+        }
     }
     let [r, g, b_, alpha] = material.base_color;
     let base = [r, g, b_, alpha];
@@ -225,7 +228,7 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     let largest = q[0].max(q[1]).max(q[2]);
     let scale = 1.0 / (triangle.area_twice() as f64 * largest);
     let origin = [rect.x0 as i32 * SUBPIXELS, rect.y0 as i32 * SUBPIXELS];
-    let mut weights = [[0.0f32; 3]; 3];
+    let (mut normal, mut to_right, mut downwards) = ([0.0f32; 4], [0.0f32; 4], [0.0f32; 4]);
     let mut most = 0.0;
     for k in 0..3 {
         // The edge opposite of corner k.
@@ -237,18 +240,18 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
             [here * part, -(ey as f64) * part * f64::from(SUBPIXELS), ex as f64 * part * f64::from(SUBPIXELS)];
         let reach = here.abs() + f64::from(TILE) * (right.abs() + down.abs());
         most = if reach > most || reach.is_nan() { reach } else { most };
-        weights[k] = each3([here, right, down], |w| w as f32);
+        let (here, right, down) = (here as f32, right as f32, down as f32);
+        for c in 0..4 {
+            normal[c] += normals[k][c] * here;
+            to_right[c] += normals[k][c] * right;
+            downwards[c] += normals[k][c] * down;
+        }
     }
     let fits = most <= WEIGHT_MAX;
     if !fits {
         return None;
     }
-    let mix = |w: usize| -> [f32; 4] {
-        each4([0, 1, 2, 3], |c| {
-            normals[0][c] * weights[0][w] + normals[1][c] * weights[1][w] + normals[2][c] * weights[2][w]
-        })
-    };
-    (face.normal, face.right, face.down) = (mix(0), mix(1), mix(2));
+    (face.normal, face.right, face.down) = (normal, to_right, downwards);
     Some(Quick::ByNormal(face))
 }
 
