@@ -8,7 +8,7 @@
 
 use super::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW, SampleTables, TileCover};
 use super::depth::{BlockDepth, bounds, in_front};
-use super::visible::{Arriving, Visible};
+use super::visible::{Arriving, CENTRE, Visible};
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Triangle};
 use crate::pipeline::Skips;
@@ -150,7 +150,10 @@ pub fn draw_opaque<S: Simd>(
                     continue;
                 }
                 let [low, high] = depth.at_pixel(base, bit);
-                let face = Arriving { triangle: place as u32, low, high };
+                // Samples are numbered by their distance from the centre.
+                let is_central = is_full || cover.covers_centre(block, bit);
+                let point = if is_central { CENTRE } else { mask.trailing_zeros() as u8 };
+                let face = Arriving { triangle: place as u32, low, high, point };
                 let pixel = block * BLOCK_PIXELS + bit as usize;
                 let [px, py] = pixel_corner(rect, pixel);
                 let is_front = depths.front >> bit & 1 != 0;

@@ -330,17 +330,31 @@ pub struct Batch {
     pub x: [f32; 16],
     /// Likewise.
     pub y: [f32; 16],
+    /// Number of the pixel in its block that it is for.
+    pub pixels: [u8; 16],
+    /// Share of the pixel that it is; 1 where it is all of it.
+    pub shares: [f32; 16],
     /// How many there are.
     pub count: usize,
 }
 
 impl Default for Batch {
     fn default() -> Self {
-        Self { faces: [0; 16], x: [0.0; 16], y: [0.0; 16], count: 0 }
+        Self { faces: [0; 16], x: [0.0; 16], y: [0.0; 16], pixels: [0; 16], shares: [0.0; 16], count: 0 }
     }
 }
 
 impl Batch {
+    /// Adds a place; whether the batch is full now.
+    #[inline(always)]
+    pub fn push(&mut self, face: u32, [x, y]: [f32; 2], pixel: u8, share: f32) -> bool {
+        let at = self.count;
+        (self.faces[at], self.x[at], self.y[at]) = (face, x, y);
+        (self.pixels[at], self.shares[at]) = (pixel, share);
+        self.count += 1;
+        self.count == 16
+    }
+
     /// Linear RGB of each place, as [`ByNormal::at`] gives it but for numbers that are none or out of range.
     #[inline(always)]
     pub fn colours<S: Simd>(&self, simd: S, frame: &Frame<'_>, faces: &TileFaces) -> [[f32; 4]; 16] {
