@@ -195,7 +195,6 @@ struct TileScratch {
     resolve: ResolveScratch,
 }
 
-
 /// One tile on its way through the stages.
 struct Job<'a> {
     slot: usize,

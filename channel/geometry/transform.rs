@@ -79,7 +79,8 @@ impl<'a> Item<'a> {
 
     /// [`Item::normals`] with a largest element of 1, so that no product leaves f32's range; zero if it has no scale.
     pub fn normals_scaled(&self) -> DMat3 {
-        let largest = self.normals.to_cols_array().into_iter().fold(0.0, |m: f64, n| if n.abs() > m { n.abs() } else { m });
+        let largest =
+            self.normals.to_cols_array().into_iter().fold(0.0, |m: f64, n| if n.abs() > m { n.abs() } else { m });
         if largest > 0.0 && largest.is_finite() { self.normals * (1.0 / largest) } else { DMat3::ZERO }
     }
 

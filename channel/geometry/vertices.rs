@@ -96,8 +96,7 @@ impl Vertices {
         let to_view = columns(simd, camera.to_view());
         let relative = each3(item.relative.to_array(), splat);
         let tangents = camera.tangents;
-        let [left, right, bottom, top] =
-            each4([tangents.left, tangents.right, tangents.bottom, tangents.top], splat);
+        let [left, right, bottom, top] = each4([tangents.left, tangents.right, tangents.bottom, tangents.top], splat);
         let guard = camera.guard;
         let (guard_left, guard_right) = (splat(guard.left), splat(guard.right));
         let (guard_bottom, guard_top) = (splat(guard.bottom), splat(guard.top));
@@ -125,12 +124,7 @@ impl Vertices {
                 | (guard_right * w - x).simd_lt(zero)
                 | (y - guard_bottom * w).simd_lt(zero)
                 | (guard_top * w - y).simd_lt(zero);
-            let beside = [
-                x.simd_lt(left * w),
-                x.simd_gt(right * w),
-                y.simd_lt(bottom * w),
-                y.simd_gt(top * w),
-            ];
+            let beside = [x.simd_lt(left * w), x.simd_gt(right * w), y.simd_lt(bottom * w), y.simd_gt(top * w)];
             let beyond = (x * x + y * y + w * w).simd_gt(range_squared);
             let sub = |c: f64x8<S>| {
                 let c = (c * f64::from(SUBPIXELS) + 0.5).floor();
@@ -165,7 +159,8 @@ impl Vertices {
 /// Bit k of lane i's code is lane i of mask k; what isn't usable has one bit of its own alone.
 #[inline(always)]
 fn gather_codes<S: Simd>(usable: mask64x8<S>, masks: [mask64x8<S>; 8]) -> [u16; LANES] {
-    const _: () = assert!(NEAR == 1 << 4 && PAST == 1 << 5 && BEYOND == 1 << 6 && CUT == 1 << 7, "the order of the masks");
+    const _: () =
+        assert!(NEAR == 1 << 4 && PAST == 1 << 5 && BEYOND == 1 << 6 && CUT == 1 << 7, "the order of the masks");
     let masks = masks.map(|m| m.to_bitmask());
     let usable = usable.to_bitmask();
     std::array::from_fn(|lane| {
@@ -216,7 +211,8 @@ mod tests {
             let reach = [1.0, 100.0, 1e7][round % 3];
             let faces: Vec<[DVec3; 3]> = (0..9).map(|_| [0; 3].map(|_| vector() * reach)).collect();
             let turned = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, vector().normalize()));
-            let transform = DAffine3 { matrix3: turned * DMat3::from_diagonal(vector()), translation: vector() * reach };
+            let transform =
+                DAffine3 { matrix3: turned * DMat3::from_diagonal(vector()), translation: vector() * reach };
             let store = store_of(vec![(mesh_of(&faces, [1.0; 4]), transform)]);
             let mut state = state();
             let orientation = DQuat::from_rotation_arc(DVec3::NEG_Z, vector().normalize());
@@ -241,7 +237,11 @@ mod tests {
                     q: vertices.q.clone(),
                     codes: vertices.codes.clone(),
                 });
-                assert_eq!((&first.x, &first.y, &first.codes), (&vertices.x, &vertices.y, &vertices.codes), "{level:?}");
+                assert_eq!(
+                    (&first.x, &first.y, &first.codes),
+                    (&vertices.x, &vertices.y, &vertices.codes),
+                    "{level:?}"
+                );
             }
         }
         assert!(projected > 1000, "{projected} vertices were compared");

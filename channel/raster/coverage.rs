@@ -242,10 +242,7 @@ impl<'a> TileCover<'a> {
             pattern,
             edges,
             corner: [left * SUBPIXELS, top * SUBPIXELS],
-            blocks: [
-                [(x[0] - left) >> block, (x[1] - left) >> block],
-                [(y[0] - top) >> block, (y[1] - top) >> block],
-            ],
+            blocks: [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]],
             ranges,
             covers_tile: least_in_tile >= 0,
         })

@@ -7,7 +7,7 @@
 //! where bounds overlap. All of that saves work; what is seen doesn't depend on it, nor on the order in which triangles come.
 
 use super::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW, SampleTables, TileCover};
-use super::depth::{BlockDepth, bounds, in_front};
+use super::depth::{BlockDepth, bounds, fronts, in_front};
 use super::visible::{Arriving, CENTRE, Visible};
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Triangle};
@@ -73,7 +73,13 @@ pub fn pixels_of_view(rect: PixelRect) -> [u64; BLOCKS] {
 
 /// Whether a triangle is surely hidden in the whole tile.
 #[inline(always)]
-pub fn hidden_in_tile<S: Simd>(simd: S, frame: &Frame<'_>, triangle: &Triangle, rect: PixelRect, visible: &mut Visible) -> bool {
+pub fn hidden_in_tile<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    triangle: &Triangle,
+    rect: PixelRect,
+    visible: &mut Visible,
+) -> bool {
     let far = visible.tile_far(simd);
     if far == f32::NEG_INFINITY {
         return false;
@@ -163,9 +169,19 @@ pub fn draw_opaque<S: Simd>(
                     }
                     let other = numbers[other as usize];
                     let wins_ties = || frame.order(number) > frame.order(other);
-                    in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties)
+                    if pattern.count == 1 {
+                        return in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties);
+                    }
+                    simd.vectorize(
+                        #[inline(always)]
+                        || fronts(simd, pattern, triangle, frame.triangle(other), px, py, both, wins_ties),
+                    )
                 };
-                let mask = if is_whole { mask } else { remaining(frame, number, [px, py], pixel, mask, visible, faces, front) };
+                let mask = if is_whole {
+                    mask
+                } else {
+                    remaining(frame, number, [px, py], pixel, mask, visible, faces, front)
+                };
                 if mask != 0 {
                     counts.covered_pixels += 1;
                     visible.put(pixel, face, mask, front);

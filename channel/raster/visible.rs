@@ -198,7 +198,8 @@ impl Visible {
     pub fn compare<S: Simd>(&self, simd: S, block: usize, [low, high]: [f32; 2], gains: &[f32x16<S>; 4]) -> Depths {
         if self.fresh >> block & 1 != 0 {
             // In front of nothing is what has bounds at all.
-            let front = if gains.iter().all(|gain| (*gain + low).simd_gt(f32::NEG_INFINITY).all_true()) { u64::MAX } else { 0 };
+            let front =
+                if gains.iter().all(|gain| (*gain + low).simd_gt(f32::NEG_INFINITY).all_true()) { u64::MAX } else { 0 };
             return Depths { front, behind: 0 };
         }
         let mut depths = Depths::default();

@@ -9,9 +9,9 @@ use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
 use crate::raster::visible::{CENTRE, NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
-use crate::simd::{each3, each4};
 use crate::shade::tile::{Batch, Look, NO_CODE, TileFaces, finite};
-use crate::translucency::blend::{BlockLight, Blender};
+use crate::simd::{each3, each4};
+use crate::translucency::blend::{Blender, BlockLight};
 use crate::translucency::gather::TileLayers;
 use fearless_simd::{Simd, f32x4, prelude::*, u32x16};
 use proto::frame::{Background, PixelRect};
@@ -57,11 +57,8 @@ struct BlockColours {
 
 impl Default for ResolveScratch {
     fn default() -> Self {
-        let block = BlockColours {
-            codes: [0; BLOCK_PIXELS],
-            linear: [[0.0; 3]; BLOCK_PIXELS],
-            sums: [[0.0; 4]; BLOCK_PIXELS],
-        };
+        let block =
+            BlockColours { codes: [0; BLOCK_PIXELS], linear: [[0.0; 3]; BLOCK_PIXELS], sums: [[0.0; 4]; BLOCK_PIXELS] };
         Self {
             seen: Vec::new(),
             blender: Blender::default(),
@@ -207,7 +204,8 @@ fn resolve_block<S: Simd>(
         let background = constant_background.map_or(NO_CODE, |(_, code)| code);
         let known = faces.codes();
         for (bit, (cell, code)) in cells.iter().zip(&mut scratch.block.codes).enumerate() {
-            let found = if *cell == NOTHING { background } else { known.get(*cell as usize).copied().unwrap_or(NO_CODE) };
+            let found =
+                if *cell == NOTHING { background } else { known.get(*cell as usize).copied().unwrap_or(NO_CODE) };
             let is_found = found != NO_CODE;
             *code = if is_found { found } else { *code };
             rest &= !(u64::from(is_found) << bit);
@@ -242,7 +240,8 @@ fn resolve_block<S: Simd>(
                     continue;
                 }
                 Look::General => {
-                    let [r, g, b, _] = frame.pixel_colour(faces.general(), numbers[place as usize], corner[0], corner[1]);
+                    let [r, g, b, _] =
+                        frame.pixel_colour(faces.general(), numbers[place as usize], corner[0], corner[1]);
                     [r, g, b]
                 }
             }

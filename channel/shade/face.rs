@@ -200,7 +200,14 @@ impl Face {
 
     /// c = base · (ambient + Σ light · max(0, n · d)) + emissive; unlit: c = base. `point` is the place relative to the view's
     /// eye, world axes; of no meaning where light is the same everywhere.
-    pub(super) fn lit(&self, frame: &Frame<'_>, base: [f32; 4], emissive: [f32; 3], normal: DVec3, point: DVec3) -> [f32; 4] {
+    pub(super) fn lit(
+        &self,
+        frame: &Frame<'_>,
+        base: [f32; 4],
+        emissive: [f32; 3],
+        normal: DVec3,
+        point: DVec3,
+    ) -> [f32; 4] {
         let mut colour = base;
         if !self.unlit {
             let environment = frame.environment;
@@ -259,11 +266,7 @@ impl Face {
 
     /// The base texture (0) or the emissive one (1), if there is one, and its coordinates at the corners.
     #[inline]
-    fn texture<'a>(
-        &self,
-        frame: &Frame<'a>,
-        which: usize,
-    ) -> Option<(&'a MipTexture, &'a TextureUse, [[f64; 2]; 3])> {
+    fn texture<'a>(&self, frame: &Frame<'a>, which: usize) -> Option<(&'a MipTexture, &'a TextureUse, [[f64; 2]; 3])> {
         let item = &frame.items[self.item as usize];
         let material = &item.stored.mesh.material;
         let (texture, usage) = match which {

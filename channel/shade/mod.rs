@@ -115,4 +115,3 @@ struct ShadingPoint {
     x: i32,
     y: i32,
 }
-

@@ -156,7 +156,14 @@ impl TileFaces {
 
     /// Linear RGB and alpha of the face at `place` in the pixel whose upper left is (x, y) sub.
     #[inline(always)]
-    pub fn colour(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32, [x, y]: [i32; 2]) -> [f32; 4] {
+    pub fn colour(
+        &mut self,
+        frame: &Frame<'_>,
+        rect: PixelRect,
+        place: u32,
+        number: u32,
+        [x, y]: [i32; 2],
+    ) -> [f32; 4] {
         match self.look(frame, rect, place, number) {
             Look::Constant(colour, _) => colour,
             Look::ByNormal(index) => {
@@ -218,8 +225,7 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     let [r, g, b_, alpha] = material.base_color;
     let base = [r, g, b_, alpha];
     let [er, eg, eb] = material.emissive;
-    let mut face =
-        ByNormal { normal: a, right: [0.0; 4], down: [0.0; 4], base, emissive: [er, eg, eb, 0.0] };
+    let mut face = ByNormal { normal: a, right: [0.0; 4], down: [0.0; 4], base, emissive: [er, eg, eb, 0.0] };
     if a == b && a == c {
         return Some(Quick::Constant(face.at(frame, [0.0; 2])));
     }

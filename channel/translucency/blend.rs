@@ -386,7 +386,7 @@ impl Blender {
                 let front = if both == 0 {
                     0
                 } else {
-                    let wins_ties = own.order > other.order;
+                    let wins_ties = || own.order > other.order;
                     let other = frame.triangle(layers[other.layer].number);
                     fronts(simd, frame.pattern, triangle, other, x, y, both, wins_ties)
                 };
@@ -433,8 +433,7 @@ impl Blender {
             fill(open, &|i| sky.at(frame.camera, pattern.points[i]));
         }
         let fragments = tile.layers.of_pixel(block, bit, pattern.full);
-        let samples =
-            self.samples.get_or_insert_with(|| Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]));
+        let samples = self.samples.get_or_insert_with(|| Box::new([Through { rgb: [0.0; 3], transmitted: 1.0 }; 64]));
         let composed = self.compose.compose(tile, faces, corner, fragments, samples);
         let mut sum = [0.0f64; 3];
         for (behind, sample) in behind[..pattern.count].iter().zip(samples.iter()) {

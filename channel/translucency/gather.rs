@@ -13,7 +13,9 @@ use crate::geometry::setup::{Flags, Plane, Triangle};
 use crate::pipeline::Skips;
 use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover};
 use crate::raster::depth::{BlockDepth, in_front};
-use crate::raster::opaque::{RasterCounts, block_corner, hidden_in_tile, nearest_in_block, pixel_corner, pixels_of_view};
+use crate::raster::opaque::{
+    RasterCounts, block_corner, hidden_in_tile, nearest_in_block, pixel_corner, pixels_of_view,
+};
 use crate::raster::visible::Visible;
 use crate::shade::FaceCache;
 use fearless_simd::Simd;
