@@ -231,6 +231,9 @@ pub(crate) struct ChannelArgs {
     /// Threads to draw with; one per processor by default
     #[arg(long, env = "CYCLORAMA_THREADS", value_name = "N")]
     pub threads: Option<NonZeroUsize>,
+    /// Instruction set to draw with, the best by default; pictures are the same with all
+    #[arg(long, env = "CYCLORAMA_SIMD", value_name = "LEVEL", value_parser = simd)]
+    pub simd: Option<channel::simd::SimdLevel>,
     /// A name for logs and the console; the process number by default
     #[arg(long, env = "CYCLORAMA_NAME")]
     pub name: Option<String>,
@@ -317,6 +320,9 @@ pub(crate) struct RenderArgs {
     /// Threads to draw with; one per processor by default
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
+    /// Instruction set to draw with, the best by default; pictures are the same with all
+    #[arg(long, value_name = "LEVEL", value_parser = simd)]
+    pub simd: Option<channel::simd::SimdLevel>,
     /// Draw in the shares of this many boards, and stitch; the picture is the same
     #[arg(long, default_value = "1", value_name = "N", value_parser = boards)]
     pub boards: NonZeroUsize,
@@ -351,7 +357,7 @@ pub(crate) enum BenchCommand {
 
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels --peer --reference --reference-size 480x270 --plot charts\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
+    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels --peer --reference --reference-size 480x270 --plot charts\n  cyclorama bench pixels overdraw --samples 1 --ablate\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
 )]
 pub(crate) struct PixelsArgs {
     /// glTF files or names of built-in scenes; the five benchmark scenes by default
@@ -370,9 +376,15 @@ pub(crate) struct PixelsArgs {
     /// Threads to draw with
     #[arg(long, default_value = "2", value_name = "N")]
     pub threads: NonZeroUsize,
+    /// Instruction set to draw with, the best by default; pictures are the same with all
+    #[arg(long, value_name = "LEVEL", value_parser = simd)]
+    pub simd: Option<channel::simd::SimdLevel>,
     /// How many poses, spread over the camera path
     #[arg(long, default_value = "10", value_name = "N")]
     pub poses: NonZeroUsize,
+    /// Draw also with each skip turned off and with each instruction set, at the first of --samples
+    #[arg(long)]
+    pub ablate: bool,
     /// Draw everything with llvmpipe too, pose by pose in turn; the background is then constant. Needs Mesa
     #[arg(long)]
     pub peer: bool,
@@ -455,6 +467,10 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 
 fn file_kind(text: &str) -> Result<compositor::sinks::FileKind, String> {
     compositor::sinks::FileKind::of_extension(text).ok_or_else(|| "expected png, exr or rgb".into())
+}
+
+fn simd(text: &str) -> Result<channel::simd::SimdLevel, String> {
+    text.parse().map_err(|error: channel::simd::SimdLevelError| error.to_string())
 }
 
 fn samples(text: &str) -> Result<proto::view::Samples, String> {

@@ -49,6 +49,8 @@ pub(super) struct Entrant {
     pub(super) is_judged: bool,
     scene: String,
     threads: NonZeroUsize,
+    /// What it does otherwise than a rig.
+    variant: Option<String>,
     times: Vec<f64>,
     draws: Vec<(DrawStats, f64)>,
     culled: u64,
@@ -57,7 +59,12 @@ pub(super) struct Entrant {
 impl Entrant {
     pub(super) fn new(scene: &str, how: How, threads: NonZeroUsize, is_judged: bool) -> Self {
         let (times, draws) = (Vec::new(), Vec::new());
-        Self { how, is_judged, scene: scene.into(), threads, times, draws, culled: 0 }
+        Self { how, is_judged, scene: scene.into(), threads, variant: None, times, draws, culled: 0 }
+    }
+
+    /// The same, named by what it does otherwise.
+    pub(super) fn named(self, variant: String) -> Self {
+        Self { variant: Some(variant), ..self }
     }
 
     /// Draws `before` unmeasured and `pose` measured.
@@ -97,7 +104,7 @@ impl Entrant {
         Row {
             scene: self.scene.clone(),
             renderer,
-            variant: None,
+            variant: self.variant.clone(),
             size: [args.size.0, args.size.1],
             samples,
             threads: self.threads.get(),
@@ -122,8 +129,15 @@ impl<'a> Field<'a> {
 
     /// One more renderer of ours; its number.
     pub(super) fn add(&mut self, scene: &'a Scene, threads: NonZeroUsize) -> Result<usize, CommandError> {
-        self.drawers.push(InProcess::new(scene, threads)?);
+        let mut drawer = InProcess::new(scene, threads)?;
+        drawer.renderer().set_simd(self.args.simd.unwrap_or_default());
+        self.drawers.push(drawer);
         Ok(self.drawers.len() - 1)
+    }
+
+    /// A renderer that works otherwise.
+    pub(super) fn renderer(&mut self, drawer: usize) -> &mut channel::pipeline::Renderer {
+        self.drawers[drawer].renderer()
     }
 
     /// Selects and draws; ms, and what the pipeline counted.

@@ -10,6 +10,8 @@ use crate::source::{self, Source};
 use ::bench::Report;
 use ::bench::chart::{Curve, error_against_time};
 use ::bench::pixels::{Renderer, Row, SCENES, Setting, figures, table};
+use channel::pipeline::Skips;
+use channel::simd::SimdLevel;
 use manager::host::camera::CameraPose;
 use proto::view::Samples;
 use std::num::NonZeroUsize;
@@ -68,7 +70,9 @@ fn scene_rows(name: &str, source: &Source, args: &PixelsArgs, setting: &mut Sett
     for &samples in &args.samples {
         entrants.push(Entrant::new(name, How::Ours { drawer: ours, samples }, args.threads, true));
     }
-    // Runs with other options than a rig's are entered here: a renderer for each, a row named by what it lacks.
+    if args.ablate {
+        ablate(name, source, args, &mut field, &mut entrants)?;
+    }
     if name == "dense" {
         let drawer = field.add(&source.scene, NonZeroUsize::MIN)?;
         let how = How::Ours { drawer, samples: Samples::One };
@@ -108,6 +112,34 @@ fn scene_rows(name: &str, source: &Source, args: &PixelsArgs, setting: &mut Sett
         judge_all(name, source, poses[poses.len() / 2], args, &mut field, &entrants, &mut rows)?;
     }
     Ok(rows)
+}
+
+/// Enters a renderer for each skip that is turned off and for each instruction set; their rows are named by that.
+fn ablate<'a>(
+    name: &str,
+    source: &'a Source,
+    args: &PixelsArgs,
+    field: &mut Field<'a>,
+    entrants: &mut Vec<Entrant>,
+) -> Result<(), CommandError> {
+    let Some(&samples) = args.samples.first() else { return Ok(()) };
+    let all = Skips::default();
+    let without = [
+        ("without occlusion", Skips { occluded: false, ..all }),
+        ("without whole pixels", Skips { single: false, ..all }),
+        ("without opaque tiles", Skips { opaque_tiles: false, ..all }),
+    ];
+    for (variant, skips) in without {
+        let drawer = field.add(&source.scene, args.threads)?;
+        field.renderer(drawer).set_skips(skips);
+        entrants.push(Entrant::new(name, How::Ours { drawer, samples }, args.threads, false).named(variant.into()));
+    }
+    for level in SimdLevel::all() {
+        let drawer = field.add(&source.scene, args.threads)?;
+        field.renderer(drawer).set_simd(level);
+        entrants.push(Entrant::new(name, How::Ours { drawer, samples }, args.threads, false).named(level.to_string()));
+    }
+    Ok(())
 }
 
 /// A peer for this scene and these poses, or why there is none.
