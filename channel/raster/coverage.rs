@@ -179,6 +179,47 @@ impl EdgeRange {
     }
 }
 
+/// The part of a tile that a triangle's extent meets.
+#[derive(Clone, Copy, Debug)]
+pub struct TileExtent {
+    /// First and last pixel of the view, columns and rows.
+    pub pixels: [[i32; 2]; 2],
+    /// First and last block of the tile, columns and rows.
+    blocks: [[i32; 2]; 2],
+}
+
+impl TileExtent {
+    /// Of a triangle in `rect`, a tile's; `None` if its extent has no sample there.
+    #[inline(always)]
+    pub fn new(pattern: &Pattern, triangle: &Triangle, rect: PixelRect) -> Option<Self> {
+        let [[x0, x1], [y0, y1]] = triangle.pixels(pattern.low, pattern.high());
+        let (left, top) = (rect.x0 as i32, rect.y0 as i32);
+        let x = [x0.max(left), x1.min(rect.x1 as i32 - 1)];
+        let y = [y0.max(top), y1.min(rect.y1 as i32 - 1)];
+        if x[0] > x[1] || y[0] > y[1] {
+            return None;
+        }
+        let block = BLOCK.trailing_zeros();
+        let blocks = [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]];
+        Some(Self { pixels: [x, y], blocks })
+    }
+
+    /// The block that holds all of it, if one does.
+    #[inline(always)]
+    pub fn one_block(&self) -> Option<usize> {
+        let [[x0, x1], [y0, y1]] = self.blocks;
+        (x0 == x1 && y0 == y1).then_some((y0 * BLOCKS_PER_ROW as i32 + x0) as usize)
+    }
+
+    /// The numbers of its blocks, row by row.
+    #[inline(always)]
+    pub fn blocks(&self) -> Blocks {
+        let [[x0, x1], [y0, y1]] = self.blocks;
+        let row = BLOCKS_PER_ROW as i32;
+        Blocks { at: (y0 * row + x0) as usize, column: x0, columns: [x0, x1], last: (y1 * row + x1) as usize }
+    }
+}
+
 /// One triangle's coverage of one tile.
 #[derive(Debug)]
 pub struct TileCover<'a> {
@@ -186,8 +227,6 @@ pub struct TileCover<'a> {
     edges: Edges,
     /// The tile's upper left, sub.
     corner: [i32; 2],
-    /// First and last block, columns and rows.
-    blocks: [[i32; 2]; 2],
     ranges: [EdgeRange; 3],
     /// All samples of the tile are covered.
     covers_tile: bool,
@@ -215,17 +254,11 @@ impl SampleTables {
 }
 
 impl<'a> TileCover<'a> {
-    /// Of a triangle in `rect`, a tile's; `None` if its extent has no sample there.
+    /// Of a triangle in the tile whose upper left is pixel (`rect.x0`, `rect.y0`).
     #[inline(always)]
-    pub fn new(pattern: &'a Pattern, triangle: &Triangle, rect: PixelRect) -> Option<Self> {
+    pub fn new(pattern: &'a Pattern, triangle: &Triangle, rect: PixelRect) -> Self {
         let (low, high) = (pattern.low, pattern.high());
-        let [[x0, x1], [y0, y1]] = triangle.pixels(low, high);
         let (left, top) = (rect.x0 as i32, rect.y0 as i32);
-        let x = [x0.max(left), x1.min(rect.x1 as i32 - 1)];
-        let y = [y0.max(top), y1.min(rect.y1 as i32 - 1)];
-        if x[0] > x[1] || y[0] > y[1] {
-            return None;
-        }
         let edges = Edges::of(triangle);
         let mut ranges = [EdgeRange::default(); 3];
         let mut least_in_tile = 0;
@@ -237,23 +270,7 @@ impl<'a> TileCover<'a> {
                 + range.falls * i64::from((TILE as i32 - 1) * SUBPIXELS);
             ranges[k] = range;
         }
-        let block = BLOCK.trailing_zeros();
-        Some(Self {
-            pattern,
-            edges,
-            corner: [left * SUBPIXELS, top * SUBPIXELS],
-            blocks: [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]],
-            ranges,
-            covers_tile: least_in_tile >= 0,
-        })
-    }
-
-    /// The numbers of the blocks that the triangle's extent meets, row by row.
-    #[inline(always)]
-    pub fn blocks(&self) -> Blocks {
-        let [[x0, x1], [y0, y1]] = self.blocks;
-        let row = BLOCKS_PER_ROW as i32;
-        Blocks { at: (y0 * row + x0) as usize, column: x0, columns: [x0, x1], last: (y1 * row + x1) as usize }
+        Self { pattern, edges, corner: [left * SUBPIXELS, top * SUBPIXELS], ranges, covers_tile: least_in_tile >= 0 }
     }
 
     /// The pixels of a block that the triangle covers, beyond the view's border as well.
@@ -407,8 +424,9 @@ mod tests {
 
         /// Adds what a triangle covers, at every level, all of which must agree.
         fn cover(&mut self, pattern: &Pattern, triangle: &Triangle, rect: PixelRect) {
-            let Some(cover) = TileCover::new(pattern, triangle, rect) else { return };
-            for block in cover.blocks() {
+            let Some(extent) = TileExtent::new(pattern, triangle, rect) else { return };
+            let cover = TileCover::new(pattern, triangle, rect);
+            for block in extent.blocks() {
                 let found: Vec<BlockCover> = every_level()
                     .into_iter()
                     .map(|level| fearless_simd::dispatch!(level, simd => cover.block(simd, block)))

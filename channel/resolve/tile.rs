@@ -9,7 +9,7 @@ use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
 use crate::raster::visible::{CENTRE, NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
-use crate::shade::tile::{Batch, Look, NO_CODE, TileFaces, finite};
+use crate::shade::tile::{Batch, Look, NO_CODE, TileFaces};
 use crate::simd::{each3, each4};
 use crate::translucency::blend::{Blender, BlockLight};
 use crate::translucency::gather::TileLayers;
@@ -157,7 +157,7 @@ fn by_normal<S: Simd>(
     with_linear: bool,
     out: &mut BlockColours,
 ) {
-    let colours = faces.by_normal(index).block(simd, frame, block);
+    let colours = faces.by_normal(index).block(simd, frame, block, u64::MAX);
     for group in 0..4 {
         let [r, g, b]: [[f32; 16]; 3] = each3([0, 1, 2], |c| colours[c][group].into());
         for i in 0..16 {
@@ -265,7 +265,8 @@ fn resolve_block<S: Simd>(
         scratch.block.codes[bit] = frame.encoder.rgb_of(simd, sum);
         if with_linear {
             let [r, g, b, _] = sum;
-            scratch.block.linear[bit] = each3([r, g, b], finite);
+            // A sum of shares of numbers at the end of the range may round beyond it.
+            scratch.block.linear[bit] = each3([r, g, b], |c| c.clamp(f32::MIN, f32::MAX));
         }
     }
 }
@@ -288,7 +289,7 @@ fn flush<S: Simd>(simd: S, frame: &Frame<'_>, faces: &TileFaces, scratch: &mut R
         block.codes[bit] = frame.encoder.rgb_of(simd, colours[i]);
         if with_linear {
             let [r, g, b, _] = colours[i];
-            block.linear[bit] = each3([r, g, b], finite);
+            block.linear[bit] = [r, g, b];
         }
     }
     batch.count = 0;
@@ -385,7 +386,8 @@ impl BlockColours {
                 }
             }
             self.codes[bit] = frame.encoder.rgb(colour);
-            self.linear[bit] = colour;
+            // Numbers at the end of the range may add up to more.
+            self.linear[bit] = each3(colour, |c| c.clamp(f32::MIN, f32::MAX));
         }
     }
 

@@ -17,13 +17,36 @@ use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::samples::SUBPIXELS;
 use crate::simd::each3;
 use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
-use proto::frame::{PixelRect, TILE};
+use proto::frame::{Environment, PixelRect, TILE};
 
 /// Largest corner weight anywhere in the tile that is taken the quick way: it costs f32 ten of its 24 bits.
 const WEIGHT_MAX: f64 = 1024.0;
 
+/// Factors up to this can be multiplied and added without a thought of f32's range. NaN isn't.
+const MODEST: f32 = 1e15;
+
 /// Not looked at yet.
 const UNKNOWN: u32 = u32::MAX;
+
+/// The sun as the quick way needs it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sun {
+    direction: [f32; 3],
+    light: f32,
+    ambient: f32,
+}
+
+impl Sun {
+    /// Of a frame's environment.
+    pub fn of(environment: &Environment) -> Self {
+        let direction = environment.sun_direction.as_vec3().to_array();
+        Self { direction, light: environment.sun, ambient: environment.ambient }
+    }
+
+    fn is_modest(&self) -> bool {
+        self.direction.iter().chain([&self.light, &self.ambient]).all(|c| c.abs() <= MODEST)
+    }
+}
 
 /// A face that depends on its normal alone. Vectors are x, y, z and nothing.
 #[derive(Clone, Copy, Debug)]
@@ -50,14 +73,6 @@ pub enum Look {
     ByNormal(u32),
     /// In general.
     General,
-}
-
-/// The sun as the quick way needs it.
-#[derive(Clone, Copy, Debug)]
-struct Sun {
-    direction: [f32; 3],
-    light: f32,
-    ambient: f32,
 }
 
 /// The faces of a tile, by their place in its list. One per thread, used again.
@@ -211,6 +226,11 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     if !is_plain || material.unlit || frame.fade.is_some() || !frame.lights.is_empty() || triangle.clip != WHOLE_FACE {
         return None;
     }
+    // Whatever light makes of numbers like these is a number.
+    let is_modest = |c: &f32| c.abs() <= MODEST;
+    if !material.base_color.iter().chain(&material.emissive).all(is_modest) || !frame.sun.is_modest() {
+        return None;
+    }
     let all = run.normals_of(triangle.item as usize)?;
     let vertices = mesh.triangles[triangle.face as usize];
     let [mut a, mut b, mut c] = [all[vertices[0] as usize], all[vertices[1] as usize], all[vertices[2] as usize]];
@@ -261,25 +281,17 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     Some(Quick::ByNormal(face))
 }
 
-impl Sun {
-    #[inline(always)]
-    fn of(frame: &Frame<'_>) -> Self {
-        let e = frame.environment;
-        Self { direction: e.sun_direction.as_vec3().to_array(), light: e.sun, ambient: e.ambient }
-    }
-}
-
 impl ByNormal {
     /// Linear RGB and alpha at a place in pixels from the tile's upper left: the scalar twin of [`ByNormal::block`].
     #[inline(always)]
     pub fn at(&self, frame: &Frame<'_>, [x, y]: [f32; 2]) -> [f32; 4] {
-        let sun = Sun::of(frame);
+        let sun = &frame.sun;
         let n = each3([0, 1, 2], |k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
         // What has no direction has no sun.
         let light = sun.ambient + sun.light * if slope > 0.0 { slope } else { 0.0 };
-        let [r, g, b] = each3([0, 1, 2], |c| finite(self.base[c] * light + self.emissive[c]));
+        let [r, g, b] = each3([0, 1, 2], |c| self.base[c] * light + self.emissive[c]);
         [r, g, b, self.base[3]]
     }
 
@@ -290,9 +302,9 @@ impl ByNormal {
         (normal + (right * x + down * y)).into()
     }
 
-    /// Linear RGB at the centres of a block's 64 pixels.
+    /// Linear RGB at the centres of a block's 64 pixels; anything finite in rows of 16 without a pixel of `pixels`.
     #[inline(always)]
-    pub fn block<S: Simd>(&self, simd: S, frame: &Frame<'_>, block: usize) -> [[f32x16<S>; 4]; 3] {
+    pub fn block<S: Simd>(&self, simd: S, frame: &Frame<'_>, block: usize, pixels: u64) -> [[f32x16<S>; 4]; 3] {
         const COLUMNS: [f32; 16] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5];
         const ROWS: [f32; 16] = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5];
         let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
@@ -300,11 +312,18 @@ impl ByNormal {
         let rows = f32x16::simd_from(simd, ROWS) + top as f32;
         let mut out = [[f32x16::splat(simd, 0.0); 4]; 3];
         for group in 0..4 {
+            if pixels >> (16 * group) & 0xffff == 0 {
+                continue;
+            }
             let y = rows + (2 * group) as f32;
-            let n = each3([0, 1, 2], |k| (x * self.right[k] + y * self.down[k]) + self.normal[k]);
+            let n = [
+                (x * self.right[0] + y * self.down[0]) + self.normal[0],
+                (x * self.right[1] + y * self.down[1]) + self.normal[1],
+                (x * self.right[2] + y * self.down[2]) + self.normal[2],
+            ];
             let light = Self::light(simd, frame, n);
             for c in 0..3 {
-                out[c][group] = finite_16(simd, light * self.base[c] + self.emissive[c]);
+                out[c][group] = light * self.base[c] + self.emissive[c];
             }
         }
         out
@@ -313,7 +332,7 @@ impl ByNormal {
     /// The factor of light for 16 directions.
     #[inline(always)]
     fn light<S: Simd>(simd: S, frame: &Frame<'_>, n: [f32x16<S>; 3]) -> f32x16<S> {
-        let sun = Sun::of(frame);
+        let sun = &frame.sun;
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
         let zero = f32x16::splat(simd, 0.0);
@@ -361,7 +380,7 @@ impl Batch {
         self.count == 16
     }
 
-    /// Linear RGB of each place, as [`ByNormal::at`] gives it but for numbers that are none or out of range.
+    /// Linear RGB of each place, as [`ByNormal::at`] gives it.
     #[inline(always)]
     pub fn colours<S: Simd>(&self, simd: S, frame: &Frame<'_>, faces: &TileFaces) -> [[f32; 4]; 16] {
         let mut n = [[0.0f32; 16]; 3];
@@ -381,19 +400,4 @@ impl Batch {
         }
         out
     }
-}
-
-/// Numbers in meshes may be huge; what they multiply to stays a number. NaN counts as 0.
-#[inline(always)]
-pub fn finite(c: f32) -> f32 {
-    if c.is_nan() { 0.0 } else { c.clamp(f32::MIN, f32::MAX) }
-}
-
-/// The same for 16.
-#[inline(always)]
-fn finite_16<S: Simd>(simd: S, c: f32x16<S>) -> f32x16<S> {
-    let number = c.simd_eq(c).select(c, f32x16::splat(simd, 0.0));
-    let (low, high) = (f32x16::splat(simd, f32::MIN), f32x16::splat(simd, f32::MAX));
-    let number = number.simd_gt(high).select(high, number);
-    number.simd_lt(low).select(low, number)
 }

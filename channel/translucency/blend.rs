@@ -630,7 +630,7 @@ fn colours<S: Simd>(
         }
         Look::ByNormal(index) => {
             let face = faces.by_normal(index);
-            (face.block(simd, tile.frame, block), Alpha::One(saturation(face.alpha())))
+            (face.block(simd, tile.frame, block, layer.touched), Alpha::One(saturation(face.alpha())))
         }
         Look::General => {
             let mut each = [[0.0f32; BLOCK_PIXELS]; 4];
