@@ -634,7 +634,7 @@ fn colours<S: Simd>(
         }
         Look::General => {
             let mut each = [[0.0f32; BLOCK_PIXELS]; 4];
-            let mut rest = layer.full;
+            let mut rest = layer.centre;
             while rest != 0 {
                 let bit = rest.trailing_zeros();
                 rest &= rest - 1;
