@@ -7,6 +7,7 @@ use crate::lights::Light;
 use crate::resolve::background::fog;
 use crate::resolve::colour::Encoder;
 use crate::samples::Pattern;
+use crate::shade::tile::Sun;
 use proto::frame::Environment;
 
 /// −ln 0.02: at the range of visibility 98 % is faded (Koschmieder's limit).
@@ -45,6 +46,8 @@ pub struct Frame<'a> {
     pub runs: &'a [GeometryRun],
     /// Linear light to bytes.
     pub encoder: &'static Encoder,
+    /// The sun, for faces that depend on their normals alone.
+    pub sun: Sun,
     /// What things fade to, linear RGB.
     pub fog: [f32; 3],
     /// k of the fade e^(−k d), 1/m, and V², m²; `None` in clear air.
@@ -66,7 +69,8 @@ impl<'a> Frame<'a> {
         let fade = environment.visibility_m.map(|v| (KOSCHMIEDER / v, v * v));
         let lit_alike = lights.iter().all(Light::is_uniform);
         let (encoder, fog) = (Encoder::shared(), fog(environment));
-        Self { camera, pattern, environment, lights, items, runs, encoder, fog, fade, lit_alike }
+        let sun = Sun::of(environment);
+        Self { camera, pattern, environment, lights, items, runs, encoder, sun, fog, fade, lit_alike }
     }
 
     /// The run of a triangle.

@@ -17,7 +17,7 @@
 //!
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
-#![forbid(unsafe_code)]
+// `unsafe` is in `prefetch` alone.
 #![allow(clippy::needless_range_loop, reason = "lanes and channels are indices into several arrays at once")]
 
 pub mod exact;
@@ -25,6 +25,7 @@ pub mod frame;
 pub mod geometry;
 pub mod lights;
 pub mod pipeline;
+mod prefetch;
 pub mod raster;
 pub mod resolve;
 pub mod samples;

@@ -6,6 +6,7 @@
 use crate::geometry::camera::Camera;
 use crate::pipeline::{Renderer, TilePictures};
 use crate::samples::Pattern;
+use crate::simd::SimdLevel;
 use crate::store::SceneStore;
 use glam::{DAffine3, DVec3};
 use proto::frame::{Background, Environment, FrameState, VersionWeights};
@@ -182,10 +183,17 @@ pub(crate) fn draw_with(
     picture
 }
 
-/// Draws everything with one thread.
+/// Draws everything with one thread, with every instruction set of this machine; all must draw the same.
 pub(crate) fn draw(store: &SceneStore, state: &FrameState, view: &View) -> Picture {
     let mut renderer = Renderer::new(NonZeroUsize::MIN).unwrap();
-    draw_with(&mut renderer, store, state, view, &everything(store), &[Part::WHOLE])
+    let list = everything(store);
+    let picture = draw_with(&mut renderer, store, state, view, &list, &[Part::WHOLE]);
+    for level in SimdLevel::all() {
+        renderer.set_simd(level);
+        let other = draw_with(&mut renderer, store, state, view, &list, &[Part::WHOLE]);
+        assert_eq!(other, picture, "{level} draws another picture");
+    }
+    picture
 }
 
 /// A seeded source of numbers (xorshift64*).

@@ -313,7 +313,8 @@ impl Renderer {
         let camera = Camera::new(&state, view);
         let pattern = Pattern::of(view.samples);
         let visibility_m = state.environment.visibility_m.unwrap_or(f64::INFINITY);
-        let items = items_of(scene, &camera, list)?;
+        let mut items = items_of(scene, &camera, list)?;
+        sort_surroundings(&camera, &mut items);
 
         let mut stats = DrawStats::default();
         out.begin(part, view.width, view.height);
@@ -410,6 +411,34 @@ pub(crate) fn items_of<'a>(
     list: &[SubobjectId],
 ) -> Result<Vec<Item<'a>>, DrawError> {
     list.iter().filter_map(|subobject| item(scene, camera, *subobject).transpose()).collect()
+}
+
+/// Puts the subobjects whose balls hold the eye, which a list begins with, in the order of the nearest points of their boxes. The
+/// list's own key says nothing about those (the eye's power is negative, whatever is in front), and large things near the eye are
+/// just what hides the rest. The picture doesn't depend on the order.
+fn sort_surroundings(camera: &Camera, items: &mut [Item<'_>]) {
+    let holds_eye = |item: &Item<'_>| {
+        let ball = item.stored.mesh.sphere;
+        let m = &item.linear;
+        let stretch = [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length_squared()).sum::<f64>();
+        (m * ball.centre + item.relative).length_squared() < ball.radius * ball.radius * stretch
+    };
+    let count = items.iter().take_while(|item| holds_eye(item)).count();
+    let mut keyed: Vec<(f64, Item<'_>)> = items[..count].iter().map(|item| (nearest(camera, item), *item)).collect();
+    keyed.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (to, (_, item)) in items.iter_mut().zip(keyed) {
+        *to = item;
+    }
+}
+
+/// Least distance along the line of sight of a subobject's box, m.
+fn nearest(camera: &Camera, item: &Item<'_>) -> f64 {
+    let b = item.stored.mesh.bounds;
+    let corner = |k: usize| {
+        let pick = |axis: usize| if k >> axis & 1 == 0 { b.min[axis] } else { b.max[axis] };
+        camera.view_point(item.linear * glam::DVec3::new(pick(0), pick(1), pick(2)) + item.relative).w
+    };
+    (0..8).map(corner).fold(f64::INFINITY, |least, w| if w < least { w } else { least })
 }
 
 /// One of them; `None` if nothing of it is shown.

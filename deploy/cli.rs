@@ -231,6 +231,9 @@ pub(crate) struct ChannelArgs {
     /// Threads to draw with; one per processor by default
     #[arg(long, env = "CYCLORAMA_THREADS", value_name = "N")]
     pub threads: Option<NonZeroUsize>,
+    /// Instruction set to draw with, the best by default; pictures are the same with all
+    #[arg(long, env = "CYCLORAMA_SIMD", value_name = "LEVEL", value_parser = simd)]
+    pub simd: Option<channel::simd::SimdLevel>,
     /// A name for logs and the console; the process number by default
     #[arg(long, env = "CYCLORAMA_NAME")]
     pub name: Option<String>,
@@ -317,6 +320,9 @@ pub(crate) struct RenderArgs {
     /// Threads to draw with; one per processor by default
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
+    /// Instruction set to draw with, the best by default; pictures are the same with all
+    #[arg(long, value_name = "LEVEL", value_parser = simd)]
+    pub simd: Option<channel::simd::SimdLevel>,
     /// Draw in the shares of this many boards, and stitch; the picture is the same
     #[arg(long, default_value = "1", value_name = "N", value_parser = boards)]
     pub boards: NonZeroUsize,
@@ -345,11 +351,13 @@ pub(crate) struct InspectArgs {
 pub(crate) enum BenchCommand {
     /// Time to draw scenes, and with --reference their error
     Pixels(Box<PixelsArgs>),
+    /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
+    Peer(PeerArgs),
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
+    after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels --peer --reference --reference-size 480x270 --plot charts\n  cyclorama bench pixels overdraw --samples 1 --ablate\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
 )]
 pub(crate) struct PixelsArgs {
     /// glTF files or names of built-in scenes; the five benchmark scenes by default
@@ -368,18 +376,58 @@ pub(crate) struct PixelsArgs {
     /// Threads to draw with
     #[arg(long, default_value = "2", value_name = "N")]
     pub threads: NonZeroUsize,
+    /// Instruction set to draw with, the best by default; pictures are the same with all
+    #[arg(long, value_name = "LEVEL", value_parser = simd)]
+    pub simd: Option<channel::simd::SimdLevel>,
     /// How many poses, spread over the camera path
     #[arg(long, default_value = "10", value_name = "N")]
     pub poses: NonZeroUsize,
+    /// Draw also with each skip turned off and with each instruction set, at the first of --samples
+    #[arg(long)]
+    pub ablate: bool,
+    /// Draw everything with llvmpipe too, pose by pose in turn; the background is then constant. Needs Mesa
+    #[arg(long)]
+    pub peer: bool,
     /// Compare the middle pose's picture with the reference renderer's; slow
     #[arg(long)]
     pub reference: bool,
+    /// Size of the pictures that are compared; that of --size by default, where `smoke` takes most of an hour
+    #[arg(long, value_name = "WxH", value_parser = size, requires = "reference")]
+    pub reference_size: Option<(u32, u32)>,
     /// Write difference pictures into this folder
     #[arg(long, value_name = "DIR", requires = "reference")]
     pub diff: Option<PathBuf>,
     /// Write a chart of error against time per scene into this folder
     #[arg(long, value_name = "DIR", requires = "reference")]
     pub plot: Option<PathBuf>,
+    /// Keep the report in this folder, as pixels-DATE-COMMIT.json
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench peer city --poses 60")]
+pub(crate) struct PeerArgs {
+    /// A glTF file or the name of a built-in scene
+    pub scene: String,
+    /// Size of the picture, pixels
+    #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Samples per pixel, one row for each: 0 or what the driver offers
+    #[arg(long, default_value = "0,4", value_delimiter = ',', value_name = "N")]
+    pub samples: Vec<usize>,
+    /// Threads to rasterize with
+    #[arg(long, default_value = "2", value_name = "N")]
+    pub threads: NonZeroUsize,
+    /// How many poses, spread over the camera path
+    #[arg(long, default_value = "60", value_name = "N")]
+    pub poses: NonZeroUsize,
+    /// Be the child of a benchmark: answer on stdout what is asked on stdin
+    #[arg(long, hide = true)]
+    pub serve: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -419,6 +467,10 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 
 fn file_kind(text: &str) -> Result<compositor::sinks::FileKind, String> {
     compositor::sinks::FileKind::of_extension(text).ok_or_else(|| "expected png, exr or rgb".into())
+}
+
+fn simd(text: &str) -> Result<channel::simd::SimdLevel, String> {
+    text.parse().map_err(|error: channel::simd::SimdLevelError| error.to_string())
 }
 
 fn samples(text: &str) -> Result<proto::view::Samples, String> {

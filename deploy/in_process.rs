@@ -45,6 +45,11 @@ impl<'a> InProcess<'a> {
         Ok(Self { scene, store, renderer, selector, selection, select_ms: 0.0 })
     }
 
+    /// Its renderer, to set options of.
+    pub(crate) fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+
     /// Puts entities and versions where the pose wants them and selects for the view.
     pub(crate) fn select(&mut self, pose: &CameraPose, state: &FrameState, view: &View) -> Result<(), CommandError> {
         let started = Instant::now();

@@ -50,6 +50,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), CommandError> {
     };
     let threads = args.threads.unwrap_or_else(processors);
     let mut drawer = InProcess::new(&source.scene, threads)?;
+    drawer.renderer().set_simd(args.simd.unwrap_or_default());
     let setup = ViewSetup { mode: args.mode.into(), ..ViewSetup::new(view) };
     let drawn = draw(&mut drawer, pose, &state, &setup, args.boards, kind.format())?;
     let pixels = drawn.stitcher.canvas().to_vec();

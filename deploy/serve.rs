@@ -141,6 +141,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         listen,
         advertise: args.advertise.clone(),
         threads,
+        simd: args.simd.unwrap_or_default(),
         name: args.name.clone().unwrap_or_else(|| std::process::id().to_string()),
         once: args.supervision.supervised,
     };

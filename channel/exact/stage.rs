@@ -26,7 +26,7 @@ use crate::frame::Frame;
 use crate::geometry::fine::FineFace;
 use crate::geometry::setup::{Flags, Triangle};
 use crate::geometry::transform::Item;
-use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, Edges, TILE_PIXELS, TileCover};
+use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, Edges, TILE_PIXELS, TileCover, TileExtent};
 use crate::raster::depth::{BlockDepth, order_over};
 use crate::raster::opaque::{block_corner, nearest_in_block, pixel_corner, pixels_of_view};
 use crate::resolve::background::Behind;
@@ -132,9 +132,10 @@ impl ExactScratch {
             if has_holes(triangle) {
                 continue;
             }
-            let Some(cover) = TileCover::new(frame.pattern, triangle, rect) else { continue };
+            let Some(extent) = TileExtent::new(frame.pattern, triangle, rect) else { continue };
+            let cover = TileCover::new(frame.pattern, triangle, rect);
             let depth = BlockDepth::new(frame.pattern, &triangle.plane(), block_corner(rect, 0));
-            for block in cover.blocks() {
+            for block in extent.blocks() {
                 let base = depth.at(block);
                 if nearest_in_block(&depth, base) < self.far[block] {
                     continue;
@@ -167,9 +168,10 @@ impl ExactScratch {
         let valid = pixels_of_view(rect);
         for (place, &number) in numbers.iter().enumerate() {
             let triangle = frame.triangle(number);
-            let Some(cover) = TileCover::new(frame.pattern, triangle, rect) else { continue };
+            let Some(extent) = TileExtent::new(frame.pattern, triangle, rect) else { continue };
+            let cover = TileCover::new(frame.pattern, triangle, rect);
             let depth = BlockDepth::new(frame.pattern, &triangle.plane(), block_corner(rect, 0));
-            for block in cover.blocks() {
+            for block in extent.blocks() {
                 let base = depth.at(block);
                 if nearest_in_block(&depth, base) < self.far[block] {
                     continue;

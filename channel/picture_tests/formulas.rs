@@ -418,3 +418,21 @@ fn visibility_fades_by_distance_and_ends_at_its_range() {
     let picture = draw(&at_origin(vec![wall(101.0, [1.0; 4])]), &state, &view);
     assert!(picture.linear.iter().all(|c| *c == [0.0; 3]), "nothing is drawn beyond the range");
 }
+
+/// The airport's clouds had dotted lines along the diagonals of their quads: of textured layers only those pixels were shaded
+/// that one of the two triangles fills.
+#[test]
+fn a_textured_pane_has_no_seam_along_its_diagonal() {
+    for samples in ALL_SAMPLES {
+        let mut pane = wall(2.0, [1.0, 1.0, 1.0, 0.5]);
+        pane.material.alpha = Alpha::Blend;
+        pane.material.base_texture = Some(texture_use(content(100)));
+        pane.texcoords = vec![pane.positions.iter().map(|p| [p[0], p[1]]).collect()];
+        let mut store = at_origin(vec![wall(3.0, [0.25, 0.25, 0.25, 1.0]), pane]);
+        checker(&mut store, 100, 4, [255; 4], [255; 4]);
+        let picture = draw(&store, &state(), &view(40, 40, samples));
+        for colour in &picture.linear {
+            assert_near(*colour, [0.625; 3], 1e-6);
+        }
+    }
+}

@@ -114,13 +114,6 @@ impl Edges {
         let far = |slope: i64| slope * i64::from(if slope > 0 { high } else { low });
         far(self.a[k]) + far(self.b[k])
     }
-
-    /// Least that edge k gains.
-    #[inline(always)]
-    fn smallest(&self, k: usize, low: i32, high: i32) -> i64 {
-        let far = |slope: i64| slope * i64::from(if slope > 0 { low } else { high });
-        far(self.a[k]) + far(self.b[k])
-    }
 }
 
 /// Which pixels of a block a triangle covers: bit 8·row + column.
@@ -161,6 +154,72 @@ impl Iterator for Blocks {
     }
 }
 
+/// What an edge function gains from the upper left of a pixel or a block to the samples in it.
+#[derive(Clone, Copy, Debug, Default)]
+struct EdgeRange {
+    /// Sum of its negative slopes per sub-pixel.
+    falls: i64,
+    /// Least and most within a pixel.
+    least: i64,
+    most: i64,
+    /// Least and most within a block.
+    block_least: i64,
+    block_most: i64,
+}
+
+impl EdgeRange {
+    #[inline(always)]
+    fn new(a: i64, b: i64, low: i32, high: i32) -> Self {
+        let (rises, falls) = (a.max(0) + b.max(0), a.min(0) + b.min(0));
+        let (low, high) = (i64::from(low), i64::from(high));
+        let (least, most) = (falls * high + rises * low, rises * high + falls * low);
+        // From a block's first pixel to its last.
+        let rest = i64::from((BLOCK as i32 - 1) * SUBPIXELS);
+        Self { falls, least, most, block_least: least + falls * rest, block_most: most + rises * rest }
+    }
+}
+
+/// The part of a tile that a triangle's extent meets.
+#[derive(Clone, Copy, Debug)]
+pub struct TileExtent {
+    /// First and last pixel of the view, columns and rows.
+    pub pixels: [[i32; 2]; 2],
+    /// First and last block of the tile, columns and rows.
+    blocks: [[i32; 2]; 2],
+}
+
+impl TileExtent {
+    /// Of a triangle in `rect`, a tile's; `None` if its extent has no sample there.
+    #[inline(always)]
+    pub fn new(pattern: &Pattern, triangle: &Triangle, rect: PixelRect) -> Option<Self> {
+        let [[x0, x1], [y0, y1]] = triangle.pixels(pattern.low, pattern.high());
+        let (left, top) = (rect.x0 as i32, rect.y0 as i32);
+        let x = [x0.max(left), x1.min(rect.x1 as i32 - 1)];
+        let y = [y0.max(top), y1.min(rect.y1 as i32 - 1)];
+        if x[0] > x[1] || y[0] > y[1] {
+            return None;
+        }
+        let block = BLOCK.trailing_zeros();
+        let blocks = [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]];
+        Some(Self { pixels: [x, y], blocks })
+    }
+
+    /// The block that holds all of it, if one does.
+    #[inline(always)]
+    pub fn one_block(&self) -> Option<usize> {
+        let [[x0, x1], [y0, y1]] = self.blocks;
+        (x0 == x1 && y0 == y1).then_some((y0 * BLOCKS_PER_ROW as i32 + x0) as usize)
+    }
+
+    /// The numbers of its blocks, row by row.
+    #[inline(always)]
+    pub fn blocks(&self) -> Blocks {
+        let [[x0, x1], [y0, y1]] = self.blocks;
+        let row = BLOCKS_PER_ROW as i32;
+        Blocks { at: (y0 * row + x0) as usize, column: x0, columns: [x0, x1], last: (y1 * row + x1) as usize }
+    }
+}
+
 /// One triangle's coverage of one tile.
 #[derive(Debug)]
 pub struct TileCover<'a> {
@@ -168,14 +227,7 @@ pub struct TileCover<'a> {
     edges: Edges,
     /// The tile's upper left, sub.
     corner: [i32; 2],
-    /// First and last block, columns and rows.
-    blocks: [[i32; 2]; 2],
-    /// Least and most that each edge gains within a pixel's sample range.
-    least: [i64; 3],
-    most: [i64; 3],
-    /// Least and most that each edge gains within a block's sample range.
-    block_least: [i64; 3],
-    block_most: [i64; 3],
+    ranges: [EdgeRange; 3],
     /// All samples of the tile are covered.
     covers_tile: bool,
 }
@@ -202,45 +254,23 @@ impl SampleTables {
 }
 
 impl<'a> TileCover<'a> {
-    /// Of a triangle in `rect`, a tile's; `None` if its extent has no sample there.
+    /// Of a triangle in the tile whose upper left is pixel (`rect.x0`, `rect.y0`).
     #[inline(always)]
-    pub fn new(pattern: &'a Pattern, triangle: &Triangle, rect: PixelRect) -> Option<Self> {
+    pub fn new(pattern: &'a Pattern, triangle: &Triangle, rect: PixelRect) -> Self {
         let (low, high) = (pattern.low, pattern.high());
-        let [[x0, x1], [y0, y1]] = triangle.pixels(low, high);
         let (left, top) = (rect.x0 as i32, rect.y0 as i32);
-        let x = [x0.max(left), x1.min(rect.x1 as i32 - 1)];
-        let y = [y0.max(top), y1.min(rect.y1 as i32 - 1)];
-        if x[0] > x[1] || y[0] > y[1] {
-            return None;
-        }
         let edges = Edges::of(triangle);
-        let (block, block_high) = (BLOCK.trailing_zeros(), BLOCK as i32 * SUBPIXELS - low);
-        Some(Self {
-            pattern,
-            edges,
-            corner: [left * SUBPIXELS, top * SUBPIXELS],
-            blocks: [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]],
-            least: each3([0, 1, 2], |k| edges.smallest(k, low, high)),
-            most: each3([0, 1, 2], |k| edges.largest(k, low, high)),
-            block_least: each3([0, 1, 2], |k| edges.smallest(k, low, block_high)),
-            block_most: each3([0, 1, 2], |k| edges.largest(k, low, block_high)),
-            covers_tile: {
-                let tile_high = TILE as i32 * SUBPIXELS - low;
-                let least = each3([0, 1, 2], |k| {
-                    edges.at(k, left * SUBPIXELS, top * SUBPIXELS) + edges.smallest(k, low, tile_high)
-                });
-                // A negative number's sign bit survives an OR.
-                (least[0] | least[1] | least[2]) >= 0
-            },
-        })
-    }
-
-    /// The numbers of the blocks that the triangle's extent meets, row by row.
-    #[inline(always)]
-    pub fn blocks(&self) -> Blocks {
-        let [[x0, x1], [y0, y1]] = self.blocks;
-        let row = BLOCKS_PER_ROW as i32;
-        Blocks { at: (y0 * row + x0) as usize, column: x0, columns: [x0, x1], last: (y1 * row + x1) as usize }
+        let mut ranges = [EdgeRange::default(); 3];
+        let mut least_in_tile = 0;
+        for k in 0..3 {
+            let range = EdgeRange::new(edges.a[k], edges.b[k], low, high);
+            // A negative number's sign bit survives an OR.
+            least_in_tile |= edges.at(k, left * SUBPIXELS, top * SUBPIXELS)
+                + range.least
+                + range.falls * i64::from((TILE as i32 - 1) * SUBPIXELS);
+            ranges[k] = range;
+        }
+        Self { pattern, edges, corner: [left * SUBPIXELS, top * SUBPIXELS], ranges, covers_tile: least_in_tile >= 0 }
     }
 
     /// The pixels of a block that the triangle covers, beyond the view's border as well.
@@ -253,10 +283,10 @@ impl<'a> TileCover<'a> {
         let at = each3([0, 1, 2], |k| self.edges.at(k, x, y));
         let mut crossed = [false; 3];
         for k in 0..3 {
-            if at[k] + self.block_most[k] < 0 {
+            if at[k] + self.ranges[k].block_most < 0 {
                 return BlockCover::default();
             }
-            crossed[k] = at[k] + self.block_least[k] < 0;
+            crossed[k] = at[k] + self.ranges[k].block_least < 0;
         }
         if crossed == [false; 3] {
             return BlockCover { touched: u64::MAX, full: u64::MAX };
@@ -271,8 +301,8 @@ impl<'a> TileCover<'a> {
                 continue;
             }
             let (a, b) = (self.edges.a[k] as i32, self.edges.b[k] as i32);
-            let most = ((at[k] + self.most[k]) >> SUBPIXEL_BITS) as i32;
-            let least = ((at[k] + self.least[k]) >> SUBPIXEL_BITS) as i32;
+            let most = ((at[k] + self.ranges[k].most) >> SUBPIXEL_BITS) as i32;
+            let least = ((at[k] + self.ranges[k].least) >> SUBPIXEL_BITS) as i32;
             let mut steps = columns * a + rows * b;
             for group in 0..4 {
                 // A negative number's sign bit survives an OR.
@@ -295,7 +325,7 @@ impl<'a> TileCover<'a> {
         let mut mask = self.pattern.full;
         for k in 0..3 {
             let e = self.edges.at(k, x, y);
-            if e + self.least[k] >= 0 {
+            if e + self.ranges[k].least >= 0 {
                 continue;
             }
             let (a, b) = (self.edges.a[k], self.edges.b[k]);
@@ -305,7 +335,7 @@ impl<'a> TileCover<'a> {
                     self.make_table(simd, k, &mut tables.gains[k]);
                 }
                 // An edge that has the whole pixel outside gives no samples; else |E| is as small as the table's entries.
-                if e + self.most[k] < 0 {
+                if e + self.ranges[k].most < 0 {
                     return 0;
                 }
                 mask &= not_negative(simd, e as i32, &tables.gains[k], self.pattern.count);
@@ -394,8 +424,9 @@ mod tests {
 
         /// Adds what a triangle covers, at every level, all of which must agree.
         fn cover(&mut self, pattern: &Pattern, triangle: &Triangle, rect: PixelRect) {
-            let Some(cover) = TileCover::new(pattern, triangle, rect) else { return };
-            for block in cover.blocks() {
+            let Some(extent) = TileExtent::new(pattern, triangle, rect) else { return };
+            let cover = TileCover::new(pattern, triangle, rect);
+            for block in extent.blocks() {
                 let found: Vec<BlockCover> = every_level()
                     .into_iter()
                     .map(|level| fearless_simd::dispatch!(level, simd => cover.block(simd, block)))

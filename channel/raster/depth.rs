@@ -89,13 +89,17 @@ pub fn fronts<S: Simd>(
     x: i32,
     y: i32,
     mask: u64,
-    a_wins_ties: bool,
+    a_wins_ties: impl FnOnce() -> bool,
 ) -> u64 {
     let (pa, pb) = (a.plane(), b.plane());
     match order_over(&pa, &pb, x, y, SUBPIXELS) {
         Some(true) => return mask,
         Some(false) => return 0,
         None => {}
+    }
+    let a_wins_ties = a_wins_ties();
+    if pa == pb {
+        return if a_wins_ties { mask } else { 0 };
     }
     let splat = |c: f64| f64x8::splat(simd, c);
     let mut front = 0;
@@ -262,7 +266,7 @@ mod tests {
                 let one = in_front(pattern, &faces[0], &faces[1], x, y, mask, || wins);
                 crossing += usize::from(one != 0 && one != mask);
                 for level in every_level() {
-                    let eight = fearless_simd::dispatch!(level, simd => fronts(simd, pattern, &faces[0], &faces[1], x, y, mask, wins));
+                    let eight = fearless_simd::dispatch!(level, simd => fronts(simd, pattern, &faces[0], &faces[1], x, y, mask, || wins));
                     assert_eq!(eight, one, "{level:?}: {faces:?}");
                 }
             }

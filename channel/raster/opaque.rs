@@ -6,16 +6,20 @@
 //! face is in front of what is there or behind. What is left over is looked at one by one: pixels on the triangle's rim, and those
 //! where bounds overlap. All of that saves work; what is seen doesn't depend on it, nor on the order in which triangles come.
 
-use super::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW, SampleTables, TileCover};
-use super::depth::{BlockDepth, bounds, in_front};
-use super::visible::{Arriving, Visible};
+use super::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW, SampleTables, TileCover, TileExtent};
+use super::depth::{BlockDepth, bounds, fronts, in_front};
+use super::visible::{Arriving, CENTRE, Visible};
 use crate::frame::Frame;
-use crate::geometry::setup::{Flags, Triangle};
+use crate::geometry::setup::{Flags, Plane};
 use crate::pipeline::Skips;
+use crate::prefetch::prefetch;
 use crate::samples::SUBPIXELS;
 use crate::shade::FaceCache;
 use fearless_simd::Simd;
 use proto::frame::PixelRect;
+
+/// How many triangles ahead memory is asked for. A guess: a few times what a small one takes.
+const AHEAD: usize = 6;
 
 /// What became of a tile's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,25 +71,25 @@ pub fn pixels_of_view(rect: PixelRect) -> [u64; BLOCKS] {
     })
 }
 
-/// Whether a triangle is surely hidden in the whole tile.
+/// Whether a triangle is surely hidden in the part of the tile that its extent meets.
 #[inline(always)]
-pub fn hidden_in_tile<S: Simd>(
+pub fn is_hidden<S: Simd>(
     simd: S,
-    frame: &Frame<'_>,
-    triangle: &Triangle,
-    rect: PixelRect,
+    plane: &Plane,
+    depth: &BlockDepth,
+    extent: &TileExtent,
     visible: &mut Visible,
 ) -> bool {
+    if let Some(block) = extent.one_block() {
+        return nearest_in_block(depth, depth.at(block)) < visible.far(simd, block);
+    }
     let far = visible.tile_far(simd);
     if far == f32::NEG_INFINITY {
         return false;
     }
-    // Its plane over the part of the tile that its extent reaches into.
-    let [[x0, x1], [y0, y1]] = triangle.pixels(frame.pattern.low, frame.pattern.high());
-    let (x0, x1) = (x0.max(rect.x0 as i32), x1.min(rect.x1 as i32 - 1));
-    let (y0, y1) = (y0.max(rect.y0 as i32), y1.min(rect.y1 as i32 - 1));
+    let [[x0, x1], [y0, y1]] = extent.pixels;
     let side = (x1 - x0).max(y1 - y0) + 1;
-    bounds(&triangle.plane(), x0 * SUBPIXELS, y0 * SUBPIXELS, side * SUBPIXELS)[1] < f64::from(far)
+    bounds(plane, x0 * SUBPIXELS, y0 * SUBPIXELS, side * SUBPIXELS)[1] < f64::from(far)
 }
 
 /// The largest upper bound of a face in a block.
@@ -112,18 +116,24 @@ pub fn draw_opaque<S: Simd>(
     let pattern = frame.pattern;
     for (place, &number) in numbers.iter().enumerate() {
         let triangle = frame.triangle(number);
-        if skips.occluded && hidden_in_tile(simd, frame, triangle, rect, visible) {
+        if let Some(next) = numbers.get(place + AHEAD) {
+            prefetch(frame.triangle(*next));
+        }
+        let Some(extent) = TileExtent::new(pattern, triangle, rect) else { continue };
+        let plane = triangle.plane();
+        let depth = BlockDepth::new(pattern, &plane, block_corner(rect, 0));
+        if skips.occluded && is_hidden(simd, &plane, &depth, &extent, visible) {
             counts.occluded += 1;
             continue;
         }
-        let Some(cover) = TileCover::new(pattern, triangle, rect) else { continue };
+        let cover = TileCover::new(pattern, triangle, rect);
+        let is_small = extent.one_block().is_some();
         tables.clear();
-        let depth = BlockDepth::new(pattern, &triangle.plane(), block_corner(rect, 0));
         let gains = depth.lattice(simd);
         let is_whole = triangle.flags.0 & (Flags::BEYOND | Flags::CUT_OUT) == 0;
-        for block in cover.blocks() {
+        for block in extent.blocks() {
             let base = depth.at(block);
-            if skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {
+            if !is_small && skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {
                 counts.occluded += 1;
                 continue;
             }
@@ -149,7 +159,10 @@ pub fn draw_opaque<S: Simd>(
                     continue;
                 }
                 let [low, high] = depth.at_pixel(base, bit);
-                let face = Arriving { triangle: place as u32, low, high };
+                // Samples are numbered by their distance from the centre.
+                let is_central = is_full || cover.covers_centre(block, bit);
+                let point = if is_central { CENTRE } else { mask.trailing_zeros() as u8 };
+                let face = Arriving { triangle: place as u32, low, high, point };
                 let pixel = block * BLOCK_PIXELS + bit as usize;
                 let [px, py] = pixel_corner(rect, pixel);
                 let is_front = depths.front >> bit & 1 != 0;
@@ -159,7 +172,13 @@ pub fn draw_opaque<S: Simd>(
                     }
                     let other = numbers[other as usize];
                     let wins_ties = || frame.order(number) > frame.order(other);
-                    in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties)
+                    if pattern.count == 1 {
+                        return in_front(pattern, triangle, frame.triangle(other), px, py, both, wins_ties);
+                    }
+                    simd.vectorize(
+                        #[inline(always)]
+                        || fronts(simd, pattern, triangle, frame.triangle(other), px, py, both, wins_ties),
+                    )
                 };
                 let mask = if is_whole {
                     mask

@@ -23,7 +23,7 @@ const LIST: u32 = 1 << 31;
 const END: u32 = u32::MAX;
 
 /// Triangles from one look at the whole tile to the next. A guess: looking costs about as much as drawing a small one.
-const RENEWED_EVERY: u32 = 8;
+const RENEWED_EVERY: u32 = 4;
 
 /// Most triangles of a tile: numbers must leave the bit that marks a list alone.
 pub const TILE_TRIANGLES_MAX: usize = (LIST - 1) as usize;
@@ -35,7 +35,12 @@ pub struct Seen {
     pub triangle: u32,
     /// The samples.
     pub mask: u64,
+    /// Where the face is shaded in the pixel: number of a sample, or [`CENTRE`].
+    pub point: u8,
 }
+
+/// The pixel's centre, in place of a sample's number.
+pub const CENTRE: u8 = 64;
 
 #[derive(Clone, Copy, Debug)]
 struct Entry {
@@ -54,6 +59,8 @@ pub struct Arriving {
     pub low: f32,
     /// See `low`.
     pub high: f32,
+    /// See [`Seen::point`].
+    pub point: u8,
 }
 
 /// Of a block's pixels: how a face's bounds lie to those of what they see. Neither: it isn't known.
@@ -142,7 +149,7 @@ impl Visible {
     #[inline(always)]
     pub fn seen(&self, pixel: usize) -> impl Iterator<Item = Seen> + '_ {
         let cell = self.cells[pixel];
-        let single = (cell & LIST == 0).then_some(Seen { triangle: cell, mask: self.full });
+        let single = (cell & LIST == 0).then_some(Seen { triangle: cell, mask: self.full, point: CENTRE });
         let mut at = if single.is_some() || cell == NOTHING { END } else { cell & !LIST };
         single.into_iter().chain(std::iter::from_fn(move || {
             let entry = (at != END).then(|| self.entries[at as usize])?;
@@ -289,7 +296,9 @@ impl Visible {
                 self.changed |= 1 << (pixel / BLOCK_PIXELS);
             } else if won != 0 {
                 let (low, high) = (self.lows[pixel], self.highs[pixel]);
-                let other = self.entry(Arriving { triangle: cell, low, high }, self.full & !won, END);
+                // What all samples see covers the centre.
+                let other = Arriving { triangle: cell, low, high, point: CENTRE };
+                let other = self.entry(other, self.full & !won, END);
                 self.cells[pixel] = self.entry(face, won, other & !LIST);
                 self.widen(pixel, face);
             }
@@ -357,7 +366,8 @@ impl Visible {
     /// A list's new head, as a cell.
     #[inline(always)]
     fn entry(&mut self, face: Arriving, mask: u64, next: u32) -> u32 {
-        let entry = Entry { seen: Seen { triangle: face.triangle, mask }, low: face.low, next };
+        let seen = Seen { triangle: face.triangle, mask, point: face.point };
+        let entry = Entry { seen, low: face.low, next };
         if self.free == END {
             self.entries.push(entry);
             (self.entries.len() as u32 - 1) | LIST
@@ -401,7 +411,7 @@ mod tests {
                 let bounds = [nearness(n, 0), nearness(n, 63)].map(|q| q as f32);
                 let (low, high) = (bounds[0].min(bounds[1]), bounds[0].max(bounds[1]));
                 let unhidden = visible.unhidden(5, mask, |other, both| front(n, other, both));
-                visible.put(5, Arriving { triangle: n, low, high }, mask, |other, both| front(n, other, both));
+                visible.put(5, Arriving { triangle: n, low, high, point: CENTRE }, mask, |other, both| front(n, other, both));
                 let mut won = 0;
                 for (s, sample) in samples.iter_mut().enumerate().filter(|(s, _)| mask >> s & 1 != 0) {
                     let s = s as u32;

@@ -6,6 +6,7 @@
 //! and the threshold inside the step, where there is one (in 1 of 64), does the rest. So the rounding is exact, and equal everywhere.
 
 use crate::simd::each3;
+use fearless_simd::{Simd, f32x4, i32x4, prelude::*};
 use std::sync::LazyLock;
 
 /// Steps of the first guess; the exact thresholds correct it.
@@ -79,6 +80,22 @@ impl Encoder {
         code + u8::from(value >= self.thresholds_f32[usize::from(code)])
     }
 
+    /// The same as [`Encoder::rgb`], three channels at once; the fourth number means nothing.
+    #[inline(always)]
+    pub fn rgb_of<S: Simd>(&self, simd: S, linear: [f32; 4]) -> u32 {
+        let value = f32x4::simd_from(simd, linear);
+        // NaN fails both comparisons.
+        let value = value.simd_gt(0.0).select(value, f32x4::splat(simd, 0.0));
+        let value = value.simd_lt(1.0).select(value, f32x4::splat(simd, 1.0));
+        let steps: [i32; 4] = (value * GUESS_STEPS as f32).to_int::<i32x4<S>>().into();
+        let value: [f32; 4] = value.into();
+        let code = |c: usize| {
+            let code = self.guess[steps[c] as usize];
+            u32::from(code) + u32::from(value[c] >= self.thresholds_f32[usize::from(code)])
+        };
+        code(0) | code(1) << 8 | code(2) << 16
+    }
+
     /// The codes of red, green and blue as `0x00BBGGRR`.
     #[inline(always)]
     pub fn rgb(&self, linear: [f32; 3]) -> u32 {
@@ -116,6 +133,8 @@ pub fn decode_srgb([r, g, b]: [u8; 3]) -> [f32; 3] {
 mod tests {
     use super::*;
 
+    use crate::simd::every_level;
+
     /// The definition, evaluated directly.
     fn encoded_directly(linear: f64) -> u8 {
         let c = linear.clamp(0.0, 1.0);
@@ -146,7 +165,13 @@ mod tests {
         let steps = (0..=GUESS_STEPS).flat_map(|k| near(k as f32 / GUESS_STEPS as f32));
         let outside = [-1.0, -0.0, 2.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-40];
         for value in thresholds.chain(steps).chain(outside) {
-            assert_eq!(encoder.code(value), encode_srgb(f64::from(value)), "{value}");
+            let code = encode_srgb(f64::from(value));
+            assert_eq!(encoder.code(value), code, "{value}");
+            for level in every_level() {
+                let three = [value, 1.0 - value, 0.25, f32::NAN];
+                let found = fearless_simd::dispatch!(level, simd => encoder.rgb_of(simd, three));
+                assert_eq!(found, encoder.rgb([three[0], three[1], three[2]]), "{level:?}: {value}");
+            }
         }
     }
 

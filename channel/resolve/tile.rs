@@ -7,13 +7,13 @@ use super::background::Behind;
 use crate::frame::Frame;
 use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
-use crate::raster::visible::{NOTHING, Seen, Visible};
+use crate::raster::visible::{CENTRE, NOTHING, Seen, Visible};
 use crate::samples::SUBPIXELS;
-use crate::shade::tile::{Batch, Look, TileFaces};
+use crate::shade::tile::{Batch, Look, NO_CODE, TileFaces};
 use crate::simd::{each3, each4};
 use crate::translucency::blend::{Blender, BlockLight};
 use crate::translucency::gather::TileLayers;
-use fearless_simd::{Simd, prelude::*, u32x16};
+use fearless_simd::{Simd, f32x4, prelude::*, u32x16};
 use proto::frame::{Background, PixelRect};
 
 /// Where a tile's pixels go: tightly packed rows of the tile's rectangle, three channels each.
@@ -41,8 +41,6 @@ pub struct ResolveScratch {
     blender: Blender,
     light: BlockLight,
     batch: Batch,
-    /// Which pixels of the block the batch is for.
-    batched: [u8; 16],
     block: BlockColours,
 }
 
@@ -53,17 +51,19 @@ struct BlockColours {
     codes: [u32; BLOCK_PIXELS],
     /// Linear RGB; only kept up where it is asked for.
     linear: [[f32; 3]; BLOCK_PIXELS],
+    /// Sums over the parts of pixels that see several faces, linear RGB and nothing.
+    sums: [[f32; 4]; BLOCK_PIXELS],
 }
 
 impl Default for ResolveScratch {
     fn default() -> Self {
-        let block = BlockColours { codes: [0; BLOCK_PIXELS], linear: [[0.0; 3]; BLOCK_PIXELS] };
+        let block =
+            BlockColours { codes: [0; BLOCK_PIXELS], linear: [[0.0; 3]; BLOCK_PIXELS], sums: [[0.0; 4]; BLOCK_PIXELS] };
         Self {
             seen: Vec::new(),
             blender: Blender::default(),
             light: BlockLight::default(),
             batch: Batch::default(),
-            batched: [0; 16],
             block,
         }
     }
@@ -157,7 +157,7 @@ fn by_normal<S: Simd>(
     with_linear: bool,
     out: &mut BlockColours,
 ) {
-    let colours = faces.by_normal(index).block(simd, frame, block);
+    let colours = faces.by_normal(index).block(simd, frame, block, u64::MAX);
     for group in 0..4 {
         let [r, g, b]: [[f32; 16]; 3] = each3([0, 1, 2], |c| colours[c][group].into());
         for i in 0..16 {
@@ -167,6 +167,14 @@ fn by_normal<S: Simd>(
             }
         }
     }
+}
+
+/// The pixels of a block of which the view has so many columns and rows.
+#[inline(always)]
+fn in_view(columns: u32, rows: u32) -> u64 {
+    let row = 0xffu64 >> BLOCK.saturating_sub(columns);
+    let rows_after = BLOCK.saturating_sub(rows) * BLOCK;
+    (row * 0x0101_0101_0101_0101) & (u64::MAX >> rows_after)
 }
 
 /// A block pixel by pixel, but for the pixels `done`.
@@ -188,18 +196,28 @@ fn resolve_block<S: Simd>(
     let (columns, rows) = (rect.width() - left, rect.height() - top);
     let [x0, y0] = block_corner(rect, block);
     scratch.batch.count = 0;
-    let mut single = 0;
-    let mut multi = 0;
-    for bit in 0..BLOCK_PIXELS {
-        let (column, row) = (bit as u32 % BLOCK, bit as u32 / BLOCK);
-        if column >= columns || row >= rows || done >> bit & 1 != 0 {
-            continue;
+    let mut rest = in_view(columns, rows) & !done;
+    let mut multi: u64 = 0;
+    counts.pixels_single += u64::from(rest.count_ones());
+    // Faces of one colour that were met before, and the background, are a look into a table.
+    if !with_linear {
+        let background = constant_background.map_or(NO_CODE, |(_, code)| code);
+        let known = faces.codes();
+        for (bit, (cell, code)) in cells.iter().zip(&mut scratch.block.codes).enumerate() {
+            let found =
+                if *cell == NOTHING { background } else { known.get(*cell as usize).copied().unwrap_or(NO_CODE) };
+            let is_found = found != NO_CODE;
+            *code = if is_found { found } else { *code };
+            rest &= !(u64::from(is_found) << bit);
         }
+    }
+    while rest != 0 {
+        let bit = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        let (column, row) = (bit as u32 % BLOCK, bit as u32 / BLOCK);
         let cell = cells[bit];
-        let pixel = block * BLOCK_PIXELS + bit;
         let corner = [x0 + column as i32 * SUBPIXELS, y0 + row as i32 * SUBPIXELS];
         let colour = if cell == NOTHING {
-            single += 1;
             if let Some((colour, code)) = constant_background {
                 scratch.block.codes[bit] = code;
                 scratch.block.linear[bit] = colour;
@@ -207,7 +225,6 @@ fn resolve_block<S: Simd>(
             }
             Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, frame.pattern, frame.pattern.full)
         } else if let Some(place) = Visible::single(cell) {
-            single += 1;
             match faces.look(frame, rect, place, numbers[place as usize]) {
                 Look::Constant([r, g, b, _], code) => {
                     scratch.block.codes[bit] = code;
@@ -216,14 +233,8 @@ fn resolve_block<S: Simd>(
                 }
                 Look::ByNormal(index) => {
                     // A face that all samples see covers the centre.
-                    let batch = &mut scratch.batch;
-                    let at = batch.count;
-                    batch.faces[at] = index;
-                    batch.x[at] = (left + column) as f32 + 0.5;
-                    batch.y[at] = (top + row) as f32 + 0.5;
-                    scratch.batched[at] = bit as u8;
-                    batch.count += 1;
-                    if batch.count == 16 {
+                    let at = [(left + column) as f32 + 0.5, (top + row) as f32 + 0.5];
+                    if scratch.batch.push(index, at, bit as u8, 1.0) {
                         flush(simd, frame, faces, scratch, with_linear);
                     }
                     continue;
@@ -235,15 +246,29 @@ fn resolve_block<S: Simd>(
                 }
             }
         } else {
-            multi += 1;
-            several(tile, pixel, faces, scratch)
+            multi |= 1 << bit;
+            let at = [(left + column) as f32, (top + row) as f32];
+            several(simd, tile, block, bit, at, faces, scratch, with_linear);
+            continue;
         };
         scratch.block.codes[bit] = frame.encoder.rgb(colour);
         scratch.block.linear[bit] = colour;
     }
     flush(simd, frame, faces, scratch, with_linear);
-    counts.pixels_single += single;
-    counts.pixels_multi += multi;
+    let several = u64::from(multi.count_ones());
+    counts.pixels_single -= several;
+    counts.pixels_multi += several;
+    while multi != 0 {
+        let bit = multi.trailing_zeros() as usize;
+        multi &= multi - 1;
+        let sum = scratch.block.sums[bit];
+        scratch.block.codes[bit] = frame.encoder.rgb_of(simd, sum);
+        if with_linear {
+            let [r, g, b, _] = sum;
+            // A sum of shares of numbers at the end of the range may round beyond it.
+            scratch.block.linear[bit] = each3([r, g, b], |c| c.clamp(f32::MIN, f32::MAX));
+        }
+    }
 }
 
 /// Finishes the pixels of the batch.
@@ -254,41 +279,83 @@ fn flush<S: Simd>(simd: S, frame: &Frame<'_>, faces: &TileFaces, scratch: &mut R
         return;
     }
     let colours = scratch.batch.colours(simd, frame, faces);
-    for (bit, [r, g, b, _]) in scratch.batched[..count].iter().zip(colours) {
-        scratch.block.codes[usize::from(*bit)] = frame.encoder.rgb([r, g, b]);
+    let ResolveScratch { batch, block, .. } = scratch;
+    for i in 0..count {
+        let (bit, share) = (usize::from(batch.pixels[i]), batch.shares[i]);
+        if share < 1.0 {
+            add_share(simd, &mut block.sums[bit], colours[i], share);
+            continue;
+        }
+        block.codes[bit] = frame.encoder.rgb_of(simd, colours[i]);
         if with_linear {
-            scratch.block.linear[usize::from(*bit)] = [r, g, b];
+            let [r, g, b, _] = colours[i];
+            block.linear[bit] = [r, g, b];
         }
     }
-    scratch.batch.count = 0;
+    batch.count = 0;
 }
 
-/// The mean of the samples of a pixel that sees several faces, linear.
-fn several(tile: Resolved<'_>, pixel: usize, faces: &mut TileFaces, scratch: &mut ResolveScratch) -> [f32; 3] {
+#[inline(always)]
+fn add_share<S: Simd>(simd: S, sum: &mut [f32; 4], colour: [f32; 4], share: f32) {
+    let more = f32x4::simd_from(simd, colour) * share;
+    (f32x4::simd_from(simd, *sum) + more).store_slice(sum);
+}
+
+/// Sums up a pixel that sees several faces, `at` pixels from the tile's upper left; what the batch holds of it comes later. The
+/// order of the sum is that of the faces' first samples, in which they are batched as well, so that the order in which
+/// faces were found has no say.
+#[inline(always)]
+fn several<S: Simd>(
+    simd: S,
+    tile: Resolved<'_>,
+    block: usize,
+    bit: usize,
+    at: [f32; 2],
+    faces: &mut TileFaces,
+    scratch: &mut ResolveScratch,
+    with_linear: bool,
+) {
     let Resolved { frame, rect, numbers, visible, .. } = tile;
-    let corner = pixel_corner(rect, pixel);
     let pattern = frame.pattern;
-    // The parts in the order of their first samples.
+    let pixel = block * BLOCK_PIXELS + bit;
     scratch.seen.clear();
     scratch.seen.extend(visible.seen(pixel));
     scratch.seen.sort_unstable_by_key(|seen| seen.mask.trailing_zeros());
-    let mut sum = [0.0f64; 3];
+    scratch.block.sums[bit] = [0.0; 4];
+    let one = 1.0 / pattern.count as f32;
     let mut open = pattern.full;
-    for seen in &scratch.seen {
-        let [r, g, b, _] = faces.colour(frame, rect, seen.triangle, numbers[seen.triangle as usize], corner);
-        let samples = f64::from(seen.mask.count_ones());
-        sum = [sum[0] + f64::from(r) * samples, sum[1] + f64::from(g) * samples, sum[2] + f64::from(b) * samples];
+    for k in 0..scratch.seen.len() {
+        let seen = scratch.seen[k];
         open &= !seen.mask;
+        let share = seen.mask.count_ones() as f32 * one;
+        let number = numbers[seen.triangle as usize];
+        let colour = match faces.look(frame, rect, seen.triangle, number) {
+            Look::Constant(colour, _) => colour,
+            Look::ByNormal(index) => {
+                let [x, y] = match seen.point {
+                    CENTRE => [0.5, 0.5],
+                    sample => {
+                        let [x, y] = pattern.points[usize::from(sample)];
+                        [x as f32 * (1.0 / SUBPIXELS as f32), y as f32 * (1.0 / SUBPIXELS as f32)]
+                    }
+                };
+                if scratch.batch.push(index, [at[0] + x, at[1] + y], bit as u8, share) {
+                    flush(simd, frame, faces, scratch, with_linear);
+                }
+                continue;
+            }
+            Look::General => {
+                let [x, y] = pixel_corner(rect, pixel);
+                frame.pixel_colour(faces.general(), number, x, y)
+            }
+        };
+        add_share(simd, &mut scratch.block.sums[bit], colour, share);
     }
     if open != 0 {
-        let colour = Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, pattern, open);
-        let samples = f64::from(open.count_ones());
-        for c in 0..3 {
-            sum[c] += f64::from(colour[c]) * samples;
-        }
+        let behind = Behind::of(frame.camera, frame.environment, pixel_corner(rect, pixel));
+        let [r, g, b] = behind.mean(frame.camera, pattern, open);
+        add_share(simd, &mut scratch.block.sums[bit], [r, g, b, 0.0], open.count_ones() as f32 * one);
     }
-    let share = 1.0 / pattern.count as f64;
-    each3(sum, |c| (c * share) as f32)
 }
 
 /// A row of eight pixels as bytes.
@@ -319,7 +386,8 @@ impl BlockColours {
                 }
             }
             self.codes[bit] = frame.encoder.rgb(colour);
-            self.linear[bit] = colour;
+            // Numbers at the end of the range may add up to more.
+            self.linear[bit] = each3(colour, |c| c.clamp(f32::MIN, f32::MAX));
         }
     }
 

@@ -16,15 +16,38 @@ use crate::frame::Frame;
 use crate::geometry::setup::{Flags, WHOLE_FACE};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::samples::SUBPIXELS;
-use crate::simd::{each3, each4};
-use fearless_simd::{Simd, f32x16, prelude::*};
-use proto::frame::{PixelRect, TILE};
+use crate::simd::each3;
+use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
+use proto::frame::{Environment, PixelRect, TILE};
 
 /// Largest corner weight anywhere in the tile that is taken the quick way: it costs f32 ten of its 24 bits.
 const WEIGHT_MAX: f64 = 1024.0;
 
+/// Factors up to this can be multiplied and added without a thought of f32's range. NaN isn't.
+const MODEST: f32 = 1e15;
+
 /// Not looked at yet.
 const UNKNOWN: u32 = u32::MAX;
+
+/// The sun as the quick way needs it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sun {
+    direction: [f32; 3],
+    light: f32,
+    ambient: f32,
+}
+
+impl Sun {
+    /// Of a frame's environment.
+    pub fn of(environment: &Environment) -> Self {
+        let direction = environment.sun_direction.as_vec3().to_array();
+        Self { direction, light: environment.sun, ambient: environment.ambient }
+    }
+
+    fn is_modest(&self) -> bool {
+        self.direction.iter().chain([&self.light, &self.ambient]).all(|c| c.abs() <= MODEST)
+    }
+}
 
 /// A face that depends on its normal alone. Vectors are x, y, z and nothing.
 #[derive(Clone, Copy, Debug)]
@@ -53,42 +76,36 @@ pub enum Look {
     General,
 }
 
-impl Look {
-    /// Alpha, where it is one all over the face.
-    #[inline(always)]
-    pub fn alpha(&self, faces: &TileFaces) -> Option<f32> {
-        match self {
-            Self::Constant([_, _, _, alpha], _) => Some(*alpha),
-            Self::ByNormal(index) => Some(faces.by_normal(*index).alpha()),
-            Self::General => None,
-        }
-    }
-}
-
-/// The sun as the quick way needs it.
-#[derive(Clone, Copy, Debug)]
-struct Sun {
-    direction: [f32; 3],
-    light: f32,
-    ambient: f32,
-}
-
 /// The faces of a tile, by their place in its list. One per thread, used again.
 #[derive(Debug, Default)]
 pub struct TileFaces {
-    /// Index into `looks`, or [`UNKNOWN`].
+    /// How each is shaded: [`UNKNOWN`], or one of the kinds below above [`INDEX_BITS`] and an index in them.
     known: Vec<u32>,
-    looks: Vec<Look>,
+    /// The bytes of faces of one colour by *place*, `0x00BBGGRR`; [`NO_CODE`] of all others.
+    codes: Vec<u32>,
+    constants: Vec<([f32; 4], u32)>,
     normals: Vec<ByNormal>,
     general: FaceCache,
 }
 
+/// Below the kind in [`TileFaces::known`].
+const INDEX_BITS: u32 = 30;
+const CONSTANT: u32 = 0;
+const BY_NORMAL: u32 = 1;
+const GENERAL: u32 = 2;
+
+/// Not the bytes of any colour.
+pub const NO_CODE: u32 = u32::MAX;
+
 impl TileFaces {
     /// Forgets all faces and makes room for the `count` of the next tile.
     pub fn begin(&mut self, count: usize) {
+        assert!(count < 1 << INDEX_BITS, "an index and its kind share a number");
         self.known.clear();
         self.known.resize(count, UNKNOWN);
-        self.looks.clear();
+        self.codes.clear();
+        self.codes.resize(count, NO_CODE);
+        self.constants.clear();
         self.normals.clear();
         self.general.clear();
     }
@@ -104,34 +121,53 @@ impl TileFaces {
         &self.normals[index as usize]
     }
 
+    /// By place, the bytes of the faces of one colour that were looked at; [`NO_CODE`] for all others.
+    #[inline(always)]
+    pub fn codes(&self) -> &[u32] {
+        &self.codes
+    }
+
     /// How the face at `place` of the tile's list, triangle `number`, is shaded.
     #[inline(always)]
     pub fn look(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> Look {
-        let known = self.known[place as usize];
-        if known != UNKNOWN {
-            return self.looks[known as usize];
+        let mut known = self.known[place as usize];
+        if known == UNKNOWN {
+            known = self.find(frame, rect, place, number);
         }
-        self.find(frame, rect, place, number)
+        let index = known & ((1 << INDEX_BITS) - 1);
+        match known >> INDEX_BITS {
+            BY_NORMAL => Look::ByNormal(index),
+            CONSTANT => {
+                let (colour, code) = self.constants[index as usize];
+                Look::Constant(colour, code)
+            }
+            _ => Look::General,
+        }
     }
 
     #[inline(never)]
-    fn find(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> Look {
-        let look = match quick(frame, rect, number) {
-            Some(Quick::Constant(colour)) => {
-                Look::Constant(colour, frame.encoder.rgb([colour[0], colour[1], colour[2]]))
-            }
+    fn find(&mut self, frame: &Frame<'_>, rect: PixelRect, place: u32, number: u32) -> u32 {
+        let constant = match quick(frame, rect, number) {
             Some(Quick::ByNormal(face)) => {
                 self.normals.push(face);
-                Look::ByNormal(self.normals.len() as u32 - 1)
+                let known = BY_NORMAL << INDEX_BITS | (self.normals.len() as u32 - 1);
+                self.known[place as usize] = known;
+                return known;
             }
-            None => match (self.general.of(frame, number).constant, frame.fade) {
-                (Some(c), None) => Look::Constant(c, frame.encoder.rgb([c[0], c[1], c[2]])),
-                _ => Look::General,
-            },
+            Some(Quick::Constant(colour)) => Some(colour),
+            None => self.general.of(frame, number).constant.filter(|_| frame.fade.is_none()),
         };
-        self.known[place as usize] = self.looks.len() as u32;
-        self.looks.push(look);
-        look
+        let known = match constant {
+            None => GENERAL << INDEX_BITS,
+            Some(colour) => {
+                let code = frame.encoder.rgb([colour[0], colour[1], colour[2]]);
+                self.codes[place as usize] = code;
+                self.constants.push((colour, code));
+                CONSTANT << INDEX_BITS | (self.constants.len() as u32 - 1)
+            }
+        };
+        self.known[place as usize] = known;
+        known
     }
 
     /// Linear RGB and alpha of the face at `place` in the pixel whose upper left is (x, y) sub.
@@ -194,13 +230,21 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     if !is_plain || material.unlit || frame.fade.is_some() || !frame.lights.is_empty() || triangle.clip != WHOLE_FACE {
         return None;
     }
+    // Whatever light makes of numbers like these is a number.
+    let is_modest = |c: &f32| c.abs() <= MODEST;
+    if !material.base_color.iter().chain(&material.emissive).all(is_modest) || !frame.sun.is_modest() {
+        return None;
+    }
     let all = run.normals_of(triangle.item as usize)?;
     let vertices = mesh.triangles[triangle.face as usize];
-    let behind = if triangle.flags.has(Flags::BEHIND) { -1.0 } else { 1.0 };
-    let [a, b, c] = each3(vertices, |v| each4(all[v as usize], |n| n * behind));
-    let is_missing = |n: [f32; 4]| n == [0.0; 4];
-    if is_missing(a) || is_missing(b) || is_missing(c) {
+    let [mut a, mut b, mut c] = [all[vertices[0] as usize], all[vertices[1] as usize], all[vertices[2] as usize]];
+    if a == [0.0; 4] || b == [0.0; 4] || c == [0.0; 4] {
         return None;
+    }
+    if triangle.flags.has(Flags::BEHIND) {
+        for n in [&mut a, &mut b, &mut c] {
+            *n = [-n[0], -n[1], -n[2], 0.0];
+        }
     }
     let [r, g, b_, alpha] = material.base_color;
     let base = [r, g, b_, alpha];
@@ -214,7 +258,7 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     let largest = q[0].max(q[1]).max(q[2]);
     let scale = 1.0 / (triangle.area_twice() as f64 * largest);
     let origin = [rect.x0 as i32 * SUBPIXELS, rect.y0 as i32 * SUBPIXELS];
-    let mut weights = [[0.0f32; 3]; 3];
+    let (mut normal, mut to_right, mut downwards) = ([0.0f32; 4], [0.0f32; 4], [0.0f32; 4]);
     let mut most = 0.0;
     for k in 0..3 {
         // The edge opposite of corner k.
@@ -226,46 +270,45 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
             [here * part, -(ey as f64) * part * f64::from(SUBPIXELS), ex as f64 * part * f64::from(SUBPIXELS)];
         let reach = here.abs() + f64::from(TILE) * (right.abs() + down.abs());
         most = if reach > most || reach.is_nan() { reach } else { most };
-        weights[k] = each3([here, right, down], |w| w as f32);
+        let (here, right, down) = (here as f32, right as f32, down as f32);
+        for c in 0..4 {
+            normal[c] += normals[k][c] * here;
+            to_right[c] += normals[k][c] * right;
+            downwards[c] += normals[k][c] * down;
+        }
     }
     let fits = most <= WEIGHT_MAX;
     if !fits {
         return None;
     }
-    let mix = |w: usize| -> [f32; 4] {
-        each4([0, 1, 2, 3], |c| {
-            normals[0][c] * weights[0][w] + normals[1][c] * weights[1][w] + normals[2][c] * weights[2][w]
-        })
-    };
-    (face.normal, face.right, face.down) = (mix(0), mix(1), mix(2));
+    (face.normal, face.right, face.down) = (normal, to_right, downwards);
     Some(Quick::ByNormal(face))
-}
-
-impl Sun {
-    #[inline(always)]
-    fn of(frame: &Frame<'_>) -> Self {
-        let e = frame.environment;
-        Self { direction: e.sun_direction.as_vec3().to_array(), light: e.sun, ambient: e.ambient }
-    }
 }
 
 impl ByNormal {
     /// Linear RGB and alpha at a place in pixels from the tile's upper left: the scalar twin of [`ByNormal::block`].
     #[inline(always)]
     pub fn at(&self, frame: &Frame<'_>, [x, y]: [f32; 2]) -> [f32; 4] {
-        let sun = Sun::of(frame);
+        let sun = &frame.sun;
         let n = each3([0, 1, 2], |k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
         // What has no direction has no sun.
         let light = sun.ambient + sun.light * if slope > 0.0 { slope } else { 0.0 };
-        let [r, g, b] = each3([0, 1, 2], |c| finite(self.base[c] * light + self.emissive[c]));
+        let [r, g, b] = each3([0, 1, 2], |c| self.base[c] * light + self.emissive[c]);
         [r, g, b, self.base[3]]
     }
 
-    /// Linear RGB at the centres of a block's 64 pixels.
+    /// A multiple of the normal at a place.
     #[inline(always)]
-    pub fn block<S: Simd>(&self, simd: S, frame: &Frame<'_>, block: usize) -> [[f32x16<S>; 4]; 3] {
+    fn direction<S: Simd>(&self, simd: S, x: f32, y: f32) -> [f32; 4] {
+        let [normal, right, down] = each3([self.normal, self.right, self.down], |v| f32x4::simd_from(simd, v));
+        (normal + (right * x + down * y)).into()
+    }
+
+    /// Linear RGB at the centres of a block's 64 pixels; anything finite in rows of 16 without a pixel of `pixels`.
+    #[inline(always)]
+    pub fn block<S: Simd>(&self, simd: S, frame: &Frame<'_>, block: usize, pixels: u64) -> [[f32x16<S>; 4]; 3] {
         const COLUMNS: [f32; 16] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5];
         const ROWS: [f32; 16] = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5];
         let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
@@ -273,11 +316,18 @@ impl ByNormal {
         let rows = f32x16::simd_from(simd, ROWS) + top as f32;
         let mut out = [[f32x16::splat(simd, 0.0); 4]; 3];
         for group in 0..4 {
+            if pixels >> (16 * group) & 0xffff == 0 {
+                continue;
+            }
             let y = rows + (2 * group) as f32;
-            let n = each3([0, 1, 2], |k| (x * self.right[k] + y * self.down[k]) + self.normal[k]);
+            let n = [
+                (x * self.right[0] + y * self.down[0]) + self.normal[0],
+                (x * self.right[1] + y * self.down[1]) + self.normal[1],
+                (x * self.right[2] + y * self.down[2]) + self.normal[2],
+            ];
             let light = Self::light(simd, frame, n);
             for c in 0..3 {
-                out[c][group] = finite_16(simd, light * self.base[c] + self.emissive[c]);
+                out[c][group] = light * self.base[c] + self.emissive[c];
             }
         }
         out
@@ -286,7 +336,7 @@ impl ByNormal {
     /// The factor of light for 16 directions.
     #[inline(always)]
     fn light<S: Simd>(simd: S, frame: &Frame<'_>, n: [f32x16<S>; 3]) -> f32x16<S> {
-        let sun = Sun::of(frame);
+        let sun = &frame.sun;
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
         let zero = f32x16::splat(simd, 0.0);
@@ -309,25 +359,38 @@ pub struct Batch {
     pub x: [f32; 16],
     /// Likewise.
     pub y: [f32; 16],
+    /// Number of the pixel in its block that it is for.
+    pub pixels: [u8; 16],
+    /// Share of the pixel that it is; 1 where it is all of it.
+    pub shares: [f32; 16],
     /// How many there are.
     pub count: usize,
 }
 
 impl Default for Batch {
     fn default() -> Self {
-        Self { faces: [0; 16], x: [0.0; 16], y: [0.0; 16], count: 0 }
+        Self { faces: [0; 16], x: [0.0; 16], y: [0.0; 16], pixels: [0; 16], shares: [0.0; 16], count: 0 }
     }
 }
 
 impl Batch {
+    /// Adds a place; whether the batch is full now.
+    #[inline(always)]
+    pub fn push(&mut self, face: u32, [x, y]: [f32; 2], pixel: u8, share: f32) -> bool {
+        let at = self.count;
+        (self.faces[at], self.x[at], self.y[at]) = (face, x, y);
+        (self.pixels[at], self.shares[at]) = (pixel, share);
+        self.count += 1;
+        self.count == 16
+    }
+
     /// Linear RGB of each place, as [`ByNormal::at`] gives it.
     #[inline(always)]
     pub fn colours<S: Simd>(&self, simd: S, frame: &Frame<'_>, faces: &TileFaces) -> [[f32; 4]; 16] {
         let mut n = [[0.0f32; 16]; 3];
         for i in 0..self.count {
             let face = faces.by_normal(self.faces[i]);
-            let (x, y) = (self.x[i], self.y[i]);
-            let at = each4([0, 1, 2, 3], |k| face.normal[k] + (face.right[k] * x + face.down[k] * y));
+            let at = face.direction(simd, self.x[i], self.y[i]);
             for k in 0..3 {
                 n[k][i] = at[k];
             }
@@ -336,23 +399,9 @@ impl Batch {
         let mut out = [[0.0; 4]; 16];
         for i in 0..self.count {
             let face = faces.by_normal(self.faces[i]);
-            out[i] = each4([0, 1, 2, 3], |c| finite(face.base[c] * light[i] + face.emissive[c]));
+            let base = f32x4::simd_from(simd, face.base);
+            (base * light[i] + f32x4::simd_from(simd, face.emissive)).store_slice(&mut out[i]);
         }
         out
     }
-}
-
-/// Numbers in meshes may be huge; what they multiply to stays a number. NaN counts as 0.
-#[inline(always)]
-pub(super) fn finite(c: f32) -> f32 {
-    if c.is_nan() { 0.0 } else { c.clamp(f32::MIN, f32::MAX) }
-}
-
-/// The same for 16.
-#[inline(always)]
-fn finite_16<S: Simd>(simd: S, c: f32x16<S>) -> f32x16<S> {
-    let number = c.simd_eq(c).select(c, f32x16::splat(simd, 0.0));
-    let (low, high) = (f32x16::splat(simd, f32::MIN), f32x16::splat(simd, f32::MAX));
-    let number = number.simd_gt(high).select(high, number);
-    number.simd_lt(low).select(low, number)
 }

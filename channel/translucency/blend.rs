@@ -386,7 +386,7 @@ impl Blender {
                 let front = if both == 0 {
                     0
                 } else {
-                    let wins_ties = own.order > other.order;
+                    let wins_ties = || own.order > other.order;
                     let other = frame.triangle(layers[other.layer].number);
                     fronts(simd, frame.pattern, triangle, other, x, y, both, wins_ties)
                 };
@@ -631,11 +631,11 @@ fn colours<S: Simd>(
         }
         Look::ByNormal(index) => {
             let face = faces.by_normal(index);
-            (face.block(simd, tile.frame, block), Alpha::One(saturation(face.alpha())))
+            (face.block(simd, tile.frame, block, layer.touched), Alpha::One(saturation(face.alpha())))
         }
         Look::General => {
             let mut each = [[0.0f32; BLOCK_PIXELS]; 4];
-            let mut rest = layer.full;
+            let mut rest = layer.centre;
             while rest != 0 {
                 let bit = rest.trailing_zeros();
                 rest &= rest - 1;

@@ -11,11 +11,9 @@
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Plane, Triangle};
 use crate::pipeline::Skips;
-use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover};
+use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover, TileExtent};
 use crate::raster::depth::{BlockDepth, in_front};
-use crate::raster::opaque::{
-    RasterCounts, block_corner, hidden_in_tile, nearest_in_block, pixel_corner, pixels_of_view,
-};
+use crate::raster::opaque::{RasterCounts, block_corner, is_hidden, nearest_in_block, pixel_corner, pixels_of_view};
 use crate::raster::visible::Visible;
 use crate::shade::FaceCache;
 use fearless_simd::Simd;
@@ -133,18 +131,19 @@ pub fn gather<S: Simd>(
     for place in first..numbers.len() {
         let number = numbers[place];
         let triangle = frame.triangle(number);
-        if skips.occluded && hidden_in_tile(simd, frame, triangle, rect, visible) {
+        let Some(extent) = TileExtent::new(pattern, triangle, rect) else { continue };
+        let plane = triangle.plane();
+        let depth = BlockDepth::new(pattern, &plane, block_corner(rect, 0));
+        if skips.occluded && is_hidden(simd, &plane, &depth, &extent, visible) {
             counts.occluded += 1;
             continue;
         }
-        let Some(cover) = TileCover::new(pattern, triangle, rect) else { continue };
+        let cover = TileCover::new(pattern, triangle, rect);
         tables.clear();
         // Only a model in transition has cut-outs here.
         let has_holes = triangle.flags.0 & (Flags::BEYOND | Flags::CUT_OUT) != 0;
-        let plane = triangle.plane();
-        let depth = BlockDepth::new(pattern, &plane, block_corner(rect, 0));
         let gains = depth.lattice(simd);
-        for block in cover.blocks() {
+        for block in extent.blocks() {
             let [x, y] = block_corner(rect, block);
             let base = depth.at(block);
             if skips.occluded && nearest_in_block(&depth, base) < visible.far(simd, block) {

@@ -20,6 +20,7 @@ mod painter;
 mod session;
 
 use crate::pipeline::Renderer;
+use crate::simd::SimdLevel;
 use neighbours::Neighbours;
 use painter::Painter;
 use proto::backoff::Backoff;
@@ -45,6 +46,8 @@ pub struct Config {
     pub advertise: Option<String>,
     /// Threads to draw with.
     pub threads: NonZeroUsize,
+    /// Instruction set to draw with.
+    pub simd: SimdLevel,
     /// A name for people.
     pub name: String,
     /// End when the rig ends, instead of waiting for the next one.
@@ -80,7 +83,8 @@ pub async fn run(
     let cannot_listen = |error| WorkerError::Listen(config.listen, error);
     let listener = TcpListener::bind(config.listen).await.map_err(cannot_listen)?;
     let address = listener.local_addr().map_err(cannot_listen)?;
-    let renderer = Renderer::new(config.threads).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    let mut renderer = Renderer::new(config.threads).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    renderer.set_simd(config.simd);
     let mut painter = Painter::start(renderer).map_err(|error| WorkerError::Threads(error.to_string()))?;
     let mut neighbours = Neighbours::listen(listener);
     listening(address);

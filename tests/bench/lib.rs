@@ -2,9 +2,11 @@
 //!
 //! A report names the machine and the commit, so that a kept result can be traced. Times never decide anything here: a
 //! figure that misses its target is printed as missed.
-#![forbid(unsafe_code)]
 
 pub mod chart;
+mod date;
+pub mod memory;
+pub mod pixels;
 
 use serde::Serialize;
 use std::process::Command;
@@ -48,7 +50,7 @@ pub struct Figure {
     pub met: Option<bool>,
     /// Why there is no value.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub why: Option<&'static str>,
+    pub why: Option<String>,
 }
 
 /// What `bench … --json` prints.
@@ -58,6 +60,8 @@ pub struct Report<R> {
     pub bench: &'static str,
     /// Of the working tree, or `unknown`.
     pub commit: String,
+    /// When, UTC.
+    pub date: String,
     /// Processor and number of cores.
     pub machine: String,
     /// The measurements.
@@ -69,13 +73,13 @@ pub struct Report<R> {
 impl<R> Report<R> {
     /// A report of this machine and commit.
     pub fn new(bench: &'static str, rows: Vec<R>, figures: Vec<Figure>) -> Self {
-        Self { bench, commit: commit(), machine: machine(), rows, figures }
+        Self { bench, commit: commit(), date: date::now(), machine: machine(), rows, figures }
     }
 }
 
-/// The commit of the working tree, if git knows.
+/// The commit of the working tree, if git knows; with `-dirty` if there is more in the tree.
 fn commit() -> String {
-    let output = Command::new("git").args(["rev-parse", "--short", "HEAD"]).output();
+    let output = Command::new("git").args(["describe", "--always", "--dirty", "--exclude=*"]).output();
     let text = output.ok().filter(|output| output.status.success()).map(|output| output.stdout);
     text.map_or_else(|| "unknown".into(), |text| String::from_utf8_lossy(&text).trim().to_owned())
 }

@@ -1,9 +1,12 @@
-//! The bytes suite: the same picture for any number of boards, any way to share it, any number of threads.
+//! The bytes suite: the same picture for any number of boards, any way to share it, any number of threads, any
+//! instruction set of this machine.
 //!
-//! The ordinary run takes pairs: every number of boards meets either mode and either number of threads somewhere. With
-//! `CYCLORAMA_BYTES=full` it takes the whole product, on all built-in scenes.
+//! The ordinary run takes pairs: every number of boards meets either mode and either number of threads somewhere, and every
+//! instruction set some of them. With `CYCLORAMA_BYTES=full` it takes the whole product, on all built-in scenes. What this
+//! machine lacks (NEON, or AVX-512) is untested.
 
 use crate::render;
+use channel::simd::SimdLevel;
 use std::path::Path;
 
 const BOARDS: [&str; 6] = ["1", "2", "3", "5", "8", "16"];
@@ -24,22 +27,27 @@ fn is_full() -> bool {
     std::env::var("CYCLORAMA_BYTES").is_ok_and(|value| value == "full")
 }
 
-fn combinations() -> Vec<(&'static str, &'static str, &'static str)> {
+/// Boards, mode, threads and instruction set.
+fn combinations() -> Vec<(&'static str, &'static str, &'static str, &'static str)> {
+    let levels: Vec<&str> = SimdLevel::all().into_iter().map(SimdLevel::name).collect();
     if !is_full() {
-        return PAIRS.to_vec();
+        let with_level = |(k, (boards, mode, threads))| (boards, mode, threads, levels[k % levels.len()]);
+        return PAIRS.into_iter().enumerate().map(with_level).collect();
     }
     let modes = |boards| ["interleave", "region"].map(|mode| ["1", "2"].map(|threads| (boards, mode, threads)));
-    BOARDS.into_iter().flat_map(modes).flatten().collect()
+    let shares = BOARDS.into_iter().flat_map(modes).flatten();
+    shares.flat_map(|(boards, mode, threads)| levels.iter().map(move |level| (boards, mode, threads, *level))).collect()
 }
 
 fn same(scene: &str, pose: &str, samples: &str, size: &str) {
-    let draw = |boards: &str, mode: &str, threads: &str| {
-        let args = ["--pose", pose, "--samples", samples, "--size", size, "--mode", mode];
+    let draw = |boards: &str, mode: &str, threads: &str, level: &str| {
+        let args = ["--pose", pose, "--samples", samples, "--size", size, "--mode", mode, "--simd", level];
         render(Path::new(scene), &[&args[..], &["--boards", boards, "--threads", threads]].concat())
     };
-    let one = draw("1", "interleave", "1");
-    for (boards, mode, threads) in combinations() {
-        assert!(draw(boards, mode, threads) == one, "{scene}, pose {pose}: {boards} boards, {mode}, {threads} threads");
+    let one = draw("1", "interleave", "1", SimdLevel::best().name());
+    for (boards, mode, threads, level) in combinations() {
+        let is_same = draw(boards, mode, threads, level) == one;
+        assert!(is_same, "{scene}, pose {pose}: {boards} boards, {mode}, {threads} threads, {level}");
     }
 }
 

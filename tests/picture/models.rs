@@ -1,6 +1,7 @@
-//! Other people's models: each is drawn, shows something, and is the same for any boards and threads.
+//! Other people's models: each is drawn, shows something, and is the same for any boards, threads and instruction set.
 
 use crate::{data, render};
+use channel::simd::SimdLevel;
 use std::path::{Path, PathBuf};
 
 fn models(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -16,7 +17,7 @@ fn models(folder: &Path, found: &mut Vec<PathBuf>) {
 }
 
 #[test]
-fn every_model_is_drawn_and_is_the_same_for_any_boards_and_threads() {
+fn every_model_is_drawn_and_is_the_same_for_any_boards_threads_and_instruction_set() {
     let Some(data) = data() else { return };
     let mut found = Vec::new();
     models(&data.join("models"), &mut found);
@@ -27,7 +28,9 @@ fn every_model_is_drawn_and_is_the_same_for_any_boards_and_threads() {
         let empty = render(&model, &["--size", "192x108", "--samples", "1", "--visibility", "0.000001"]);
         let different = one.pixels().zip(empty.pixels()).filter(|(a, b)| a != b).count();
         assert!(different > 100, "{}: {different} pixels differ from the sky", model.display());
-        let three = render(&model, &[&args[..], &["--threads", "2", "--boards", "3"]].concat());
-        assert!(three == one, "{}", model.display());
+        for level in SimdLevel::all() {
+            let other = ["--threads", "2", "--boards", "3", "--simd", level.name()];
+            assert!(render(&model, &[&args[..], &other].concat()) == one, "{}, {level}", model.display());
+        }
     }
 }

@@ -45,6 +45,8 @@ pub(super) fn build(name: &str) -> Option<BuiltIn> {
         "smoke" => ("smoke", smoke::build),
         "runway" => ("runway", runway::build),
         "overdraw" => ("overdraw", overdraw::build),
+        // What `overdraw` is measured against; no scene to look at, hence not among the names.
+        "overdraw-front" => ("overdraw-front", overdraw::build_front),
         _ => return None,
     };
     let mut kit = Kit { glb: GlbBuilder::new("cyclorama bench"), random: Random::new(SEED) };

@@ -1,4 +1,5 @@
-//! Thirty opaque walls one behind another, each larger than the screen, listed from far to near, and sixty boxes in front.
+//! Thirty opaque walls one behind another, each larger than the screen, listed from far to near, and sixty boxes in front;
+//! or the nearest wall and the boxes alone, which is the same picture.
 
 use super::super::shapes::{Caps, Shape, Vertex};
 use super::{ASPECT, FOV_DEG, Kit, Place, path};
@@ -10,6 +11,16 @@ const WALLS: u8 = 30;
 const BOXES: u8 = 60;
 
 pub(super) fn build(kit: &mut Kit) -> Vec<CameraPose> {
+    layers(kit, 0)
+}
+
+/// Only what is seen.
+pub(super) fn build_front(kit: &mut Kit) -> Vec<CameraPose> {
+    layers(kit, WALLS - 1)
+}
+
+/// The walls from number `first` on, and the boxes.
+fn layers(kit: &mut Kit, first: u8) -> Vec<CameraPose> {
     let wall =
         Shape::grid(8, 8, |i, j| Vertex::new(dvec3(f64::from(i) / 8.0 - 0.5, 0.5 - f64::from(j) / 8.0, 0.0), DVec3::Z));
     let unit = [-0.5, 0.5];
@@ -23,7 +34,7 @@ pub(super) fn build(kit: &mut Kit) -> Vec<CameraPose> {
     let boxes: Vec<_> = (0..6).map(|_| colored("box", &cube)).collect();
 
     let half_height = libm::tan((FOV_DEG / 2.0).to_radians());
-    for k in 0..WALLS {
+    for k in first..WALLS {
         let distance = 50.0 + 30.0 * f64::from(WALLS - 1 - k);
         // Enough for the path's sway.
         let height = 2.0 * distance * half_height * 1.15 + 8.0;

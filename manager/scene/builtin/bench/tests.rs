@@ -46,6 +46,16 @@ fn counts_are_those_of_the_peers_benchmark() {
 }
 
 #[test]
+fn the_front_of_overdraw_is_its_nearest_wall_and_all_boxes() {
+    let ((built, front), (_, all)) = (load("overdraw-front"), load("overdraw"));
+    assert_eq!((front.objects.len(), all.objects.len()), (1 + 60, 30 + 60));
+    assert!(!builtin::names().contains(&built.name), "it is no scene for people");
+    let places = |scene: &Scene| -> Vec<_> { scene.table.objects.iter().map(|row| row.transform).collect() };
+    assert_eq!(places(&front), places(&all)[29..], "the same walls and boxes, to the bit");
+    assert_eq!(built.camera, builtin::build("overdraw").unwrap().camera);
+}
+
+#[test]
 fn they_are_the_same_to_the_byte_every_time() {
     for name in ["city", "smoke", "runway", "overdraw"] {
         assert_eq!(builtin::build(name), builtin::build(name), "{name}");

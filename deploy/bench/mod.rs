@@ -1,0 +1,57 @@
+//! `cyclorama bench`: figures, as ratios in one run where that is possible, each answer checked before its time counts.
+//!
+//! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
+//! those that draw in it, turn by turn, `truth` says how far their pictures are from the reference, `peer` is the process
+//! that llvmpipe draws in.
+
+mod entrant;
+mod peer;
+mod pixels;
+mod truth;
+
+pub(crate) use peer::peer;
+pub(crate) use pixels::pixels;
+
+use crate::cli::AirArgs;
+use crate::error::CommandError;
+use crate::{rig_file, settings};
+use manager::host::camera::{CameraFile, CameraPose};
+use proto::frame::FrameState;
+use proto::ids::{Epoch, FrameNumber};
+use proto::view::{Pose, Samples, View};
+use std::num::NonZeroUsize;
+
+/// The background of both sides when there is a peer, linear: that of `llvmpipe.py`, which the peer is checked against.
+/// The sky is ours alone, so a picture with one could not be compared.
+const PEER_BACKGROUND: [f64; 3] = [0.53, 0.70, 0.92];
+
+/// `count` poses, evenly spread over a path.
+fn spread(camera: &CameraFile, count: NonZeroUsize) -> Vec<&CameraPose> {
+    let all = &camera.poses;
+    let count = count.get().min(all.len());
+    (0..count).map(|k| &all[k * all.len() / count]).collect()
+}
+
+/// What is drawn of a pose.
+fn look(
+    pose: &CameraPose,
+    (width, height): (u32, u32),
+    air: &AirArgs,
+    samples: Samples,
+) -> Result<(FrameState, View), CommandError> {
+    let view = View {
+        offset: Pose::IDENTITY,
+        tangents: pose.lens(width, height),
+        width,
+        height,
+        near: View::NEAR_DEFAULT,
+        samples,
+    };
+    let state = FrameState {
+        frame: FrameNumber(0),
+        epoch: Epoch(1),
+        eye: pose.pose().map_err(|error| CommandError::said(error.to_string()))?,
+        environment: settings::environment(air, &rig_file::Air::default())?,
+    };
+    Ok((state, view))
+}
