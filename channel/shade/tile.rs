@@ -13,15 +13,16 @@
 use super::FaceCache;
 use super::nearest::nearest;
 use crate::frame::Frame;
-use crate::geometry::setup::{Flags, WHOLE_FACE};
+use crate::geometry::setup::{Flags, WHOLE_FACE, extent};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::samples::SUBPIXELS;
-use crate::simd::each3;
+use crate::simd::{each3, each4};
 use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
-use proto::frame::{Environment, PixelRect, TILE};
+use proto::frame::{Environment, PixelRect};
 
-/// Largest corner weight anywhere in the tile that is taken the quick way: it costs f32 ten of its 24 bits.
-const WEIGHT_MAX: f64 = 1024.0;
+/// How much larger than the sum of an affine function its terms may be, anywhere on the face: that costs f32 six of its 24 bits.
+/// Splinters, and faces that reach from right before the eye far away, are more.
+const WEIGHT_MAX: f64 = 64.0;
 
 /// Factors up to this can be multiplied and added without a thought of f32's range. NaN isn't.
 const MODEST: f32 = 1e15;
@@ -49,15 +50,18 @@ impl Sun {
     }
 }
 
-/// A face that depends on its normal alone. Vectors are x, y, z and nothing.
+/// A face that depends on its normal alone. Vectors are x, y, z and, but for the last two, what is said.
+///
+/// The affine function is told from the face's own first corner, on whose side of the picture it may lie far away: on the face no
+/// term is then much larger than the sum, however far the tile's corner is from a small face.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct ByNormal {
-    /// A multiple of the normal at the tile's upper left.
+    /// A multiple of the normal at the first corner.
     normal: [f32; 4],
-    /// Its change per pixel to the right.
+    /// Its change per pixel to the right; the first corner's place, pixels from the tile's left.
     right: [f32; 4],
-    /// Its change per pixel downwards.
+    /// Its change per pixel downwards; the first corner's place, pixels from the tile's top.
     down: [f32; 4],
     /// Linear RGB that light is multiplied by, and alpha.
     base: [f32; 4],
@@ -256,31 +260,32 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     let normals = if triangle.flags.has(Flags::SWAPPED) { [a, c, b] } else { [a, b, c] };
     let (x, y, q) = (triangle.x, triangle.y, triangle.corner_q());
     let largest = q[0].max(q[1]).max(q[2]);
-    let scale = 1.0 / (triangle.area_twice() as f64 * largest);
-    let origin = [rect.x0 as i32 * SUBPIXELS, rect.y0 as i32 * SUBPIXELS];
-    let (mut normal, mut to_right, mut downwards) = ([0.0f32; 4], [0.0f32; 4], [0.0f32; 4]);
-    let mut most = 0.0;
+    let least = q[0].min(q[1]).min(q[2]);
+    let scale = f64::from(SUBPIXELS) / (triangle.area_twice() as f64 * largest);
+    let [[left, wide], [top, high]] = [extent(x), extent(y)];
+    let (wide, high) = (f64::from(wide - left), f64::from(high - top));
+    let at_corner = (q[0] / largest) as f32;
+    let normal = each4(normals[0], |n| n * at_corner);
+    let (mut to_right, mut downwards) = ([0.0f32; 4], [0.0f32; 4]);
+    let mut reach = 0.0;
     for k in 0..3 {
         // The edge opposite of corner k.
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        let (ex, ey) = (i64::from(x[j] - x[i]), i64::from(y[j] - y[i]));
-        let here = (ex * i64::from(origin[1] - y[i]) - ey * i64::from(origin[0] - x[i])) as f64;
         let part = q[k] * scale;
-        let [here, right, down] =
-            [here * part, -(ey as f64) * part * f64::from(SUBPIXELS), ex as f64 * part * f64::from(SUBPIXELS)];
-        let reach = here.abs() + f64::from(TILE) * (right.abs() + down.abs());
-        most = if reach > most || reach.is_nan() { reach } else { most };
-        let (here, right, down) = (here as f32, right as f32, down as f32);
+        let (right, down) = (f64::from(y[i] - y[j]) * part, f64::from(x[j] - x[i]) * part);
+        reach += wide * right.abs() + high * down.abs();
         for c in 0..4 {
-            normal[c] += normals[k][c] * here;
-            to_right[c] += normals[k][c] * right;
-            downwards[c] += normals[k][c] * down;
+            to_right[c] += normals[k][c] * right as f32;
+            downwards[c] += normals[k][c] * down as f32;
         }
     }
-    let fits = most <= WEIGHT_MAX;
+    // Terms on the face, against the smallest sum; a NaN doesn't fit.
+    let fits = reach * (1.0 / f64::from(SUBPIXELS)) * largest <= least * WEIGHT_MAX;
     if !fits {
         return None;
     }
+    let place = |corner: i32, tile: u32| (corner - tile as i32 * SUBPIXELS) as f32 * (1.0 / SUBPIXELS as f32);
+    (to_right[3], downwards[3]) = (place(x[0], rect.x0), place(y[0], rect.y0));
     (face.normal, face.right, face.down) = (normal, to_right, downwards);
     Some(Quick::ByNormal(face))
 }
@@ -290,6 +295,7 @@ impl ByNormal {
     #[inline(always)]
     pub fn at(&self, frame: &Frame<'_>, [x, y]: [f32; 2]) -> [f32; 4] {
         let sun = &frame.sun;
+        let (x, y) = (x - self.right[3], y - self.down[3]);
         let n = each3([0, 1, 2], |k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
@@ -302,6 +308,7 @@ impl ByNormal {
     /// A multiple of the normal at a place.
     #[inline(always)]
     fn direction<S: Simd>(&self, simd: S, x: f32, y: f32) -> [f32; 4] {
+        let (x, y) = (x - self.right[3], y - self.down[3]);
         let [normal, right, down] = each3([self.normal, self.right, self.down], |v| f32x4::simd_from(simd, v));
         (normal + (right * x + down * y)).into()
     }
@@ -312,14 +319,14 @@ impl ByNormal {
         const COLUMNS: [f32; 16] = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5];
         const ROWS: [f32; 16] = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5];
         let (left, top) = (block as u32 % BLOCKS_PER_ROW * BLOCK, block as u32 / BLOCKS_PER_ROW * BLOCK);
-        let x = f32x16::simd_from(simd, COLUMNS) + left as f32;
+        let x = f32x16::simd_from(simd, COLUMNS) + left as f32 - self.right[3];
         let rows = f32x16::simd_from(simd, ROWS) + top as f32;
         let mut out = [[f32x16::splat(simd, 0.0); 4]; 3];
         for group in 0..4 {
             if pixels >> (16 * group) & 0xffff == 0 {
                 continue;
             }
-            let y = rows + (2 * group) as f32;
+            let y = rows + (2 * group) as f32 - self.down[3];
             let n = [
                 (x * self.right[0] + y * self.down[0]) + self.normal[0],
                 (x * self.right[1] + y * self.down[1]) + self.normal[1],

@@ -50,7 +50,8 @@ impl Default for BlockLight {
 #[derive(Clone, Copy, Debug)]
 struct Class {
     mask: u64,
-    transmitted: f32,
+    /// In f64, as are sums over a pixel's layers here: there may be a thousand.
+    transmitted: f64,
 }
 
 /// A layer in some pixels of a block.
@@ -261,7 +262,7 @@ impl Blender {
             }
         }
         self.order_pixel(simd, tile, block, [x, y]);
-        let mut rgb = [0.0f32; 3];
+        let mut rgb = [0.0f64; 3];
         self.classes.clear();
         self.classes.push(Class { mask: full, transmitted: 1.0 });
         for met in &self.met {
@@ -274,6 +275,7 @@ impl Blender {
                 let [r, g, b, alpha] = faces.colour(frame, tile.rect, layer.place, layer.number, [x, y]);
                 [r, g, b, saturation(alpha)]
             };
+            let alpha = f64::from(alpha);
             let mut weight = 0.0;
             for k in 0..self.classes.len() {
                 let class = self.classes[k];
@@ -281,7 +283,7 @@ impl Blender {
                 if both == 0 {
                     continue;
                 }
-                weight += class.transmitted * alpha * both.count_ones() as f32;
+                weight += class.transmitted * alpha * f64::from(both.count_ones());
                 let transmitted = class.transmitted * (1.0 - alpha);
                 if both == class.mask {
                     self.classes[k].transmitted = transmitted;
@@ -290,7 +292,9 @@ impl Blender {
                     self.classes.push(Class { mask: both, transmitted });
                 }
             }
-            rgb = [rgb[0] + r * weight, rgb[1] + g * weight, rgb[2] + b * weight];
+            for (sum, c) in rgb.iter_mut().zip([r, g, b]) {
+                *sum += f64::from(c) * weight;
+            }
             join_classes(&mut self.classes);
             if self.classes.len() == 1 && self.classes[0].transmitted == 0.0 {
                 break;
@@ -300,9 +304,9 @@ impl Blender {
         let mut open = full;
         let mut add = |mask: u64, colour: [f32; 3]| {
             for class in &self.classes {
-                let weight = class.transmitted * (class.mask & mask).count_ones() as f32;
+                let weight = class.transmitted * f64::from((class.mask & mask).count_ones());
                 for c in 0..3 {
-                    rgb[c] += colour[c] * weight;
+                    rgb[c] += f64::from(colour[c]) * weight;
                 }
             }
         };
@@ -329,8 +333,8 @@ impl Blender {
                 }
             }
         }
-        let share = 1.0 / frame.pattern.count as f32;
-        each3(rgb, |c| c * share)
+        let share = 1.0 / frame.pattern.count as f64;
+        each3(rgb, |c| (c * share) as f32)
     }
 
     /// Puts the layers met in the pixel whose upper left is (x, y) sub in an order that holds at every sample that two of

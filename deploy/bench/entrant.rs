@@ -97,6 +97,7 @@ impl Entrant {
     /// What came of it.
     pub(super) fn row(&self, args: &PixelsArgs) -> Row {
         let (renderer, samples) = match self.how {
+            How::Ours { samples: Samples::Exact, .. } => (Renderer::Cyclorama, Some(Sampling::Exact)),
             How::Ours { samples, .. } => (Renderer::Cyclorama, Some(Sampling::Points(samples.count()))),
             How::Peer { samples } => (Renderer::Llvmpipe, Some(Sampling::Points(samples))),
             How::Memory => (Renderer::Memory, None),

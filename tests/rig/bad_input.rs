@@ -133,7 +133,7 @@ fn a_compressed_mesh_is_refused_with_a_remedy() {
 #[test]
 fn wrong_flags_are_usage_errors() {
     assert!(fails(2, &["rig", "--bords", "3"]).contains("--boards"), "the nearest flag is suggested");
-    assert!(fails(2, &["render", "airport", "--samples", "5", "-o", "x.png"]).contains("1, 4, 8, 16 or 64"));
+    assert!(fails(2, &["render", "airport", "--samples", "5", "-o", "x.png"]).contains("1, 4, 8, 16, 64 or exact"));
     assert!(fails(2, &["fly"]).contains("fly"));
 }
 
