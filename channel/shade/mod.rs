@@ -5,7 +5,7 @@
 //! pieces together; so neighbouring boards and passes agree on the point.
 //!
 //! - [`face`]: a face prepared for everything that a material can be.
-//! - [`mod@nearest`]: where a face is shaded if pixels are computed by areas.
+//! - `nearest`: where a face is shaded if pixels are computed by areas.
 //! - [`tile`]: the faces of a tile, and the quick ways for those whose colour is one, or depends on the normal alone.
 
 pub mod face;

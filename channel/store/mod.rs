@@ -53,7 +53,7 @@ impl StoredMesh {
         Self { mesh, positions, normals, base_texture, emissive_texture }
     }
 
-    /// Positions by coordinate, padded to a multiple of [`PADDING`].
+    /// Positions by coordinate, padded with zeros to a multiple of 16.
     pub fn positions(&self) -> [&[f32]; 3] {
         self.positions.each_ref().map(Vec::as_slice)
     }
