@@ -74,6 +74,34 @@ impl From<ModeArg> for proto::view::Mode {
     }
 }
 
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DetailArg {
+    /// Levels of detail by what they span on the picture
+    #[default]
+    Auto,
+    /// All at their finest and unfaded
+    Finest,
+}
+
+impl DetailArg {
+    /// As the flag that says it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Finest => "finest",
+        }
+    }
+}
+
+impl From<DetailArg> for manager::select::DetailMode {
+    fn from(detail: DetailArg) -> Self {
+        match detail {
+            DetailArg::Auto => Self::Auto,
+            DetailArg::Finest => Self::Finest,
+        }
+    }
+}
+
 /// What the views look like, for `rig` and `manager`.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RowArgs {
@@ -103,6 +131,9 @@ pub(crate) struct AirArgs {
     /// Colour that things fade to, linear light, instead of the horizon's
     #[arg(long, value_name = "R,G,B", value_parser = triple)]
     pub fog: Option<[f64; 3]>,
+    /// Let the lights of the scene's file shine too
+    #[arg(long)]
+    pub scene_lights: bool,
 }
 
 #[derive(Debug, Parser)]
@@ -126,6 +157,9 @@ pub(crate) struct RigArgs {
     /// How a view is shared between boards
     #[arg(long, value_enum, default_value_t)]
     pub mode: ModeArg,
+    /// Which levels of detail are shown, of models that have them
+    #[arg(long, value_enum, default_value_t)]
+    pub detail: DetailArg,
     /// Camera file to fly; the built-in scene's, `SCENE.path.json`, or a flight round the scene by default
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
@@ -177,6 +211,9 @@ pub(crate) struct ManagerArgs {
     /// How a view is shared between boards
     #[arg(long, env = "CYCLORAMA_MODE", value_enum)]
     pub mode: Option<ModeArg>,
+    /// Which levels of detail are shown, of models that have them
+    #[arg(long, env = "CYCLORAMA_DETAIL", value_enum)]
+    pub detail: Option<DetailArg>,
     /// One frame for each pose, waiting for everybody, instead of a rate
     #[arg(long)]
     pub lock_step: bool,
@@ -317,6 +354,9 @@ pub(crate) struct RenderArgs {
     pub samples: proto::view::Samples,
     #[command(flatten)]
     pub air: AirArgs,
+    /// Which levels of detail are shown, of models that have them
+    #[arg(long, value_enum, default_value_t)]
+    pub detail: DetailArg,
     /// Threads to draw with; one per processor by default
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,

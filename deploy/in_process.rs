@@ -7,8 +7,8 @@ use channel::store::SceneStore;
 use glam::{DQuat, DVec3};
 use manager::host::camera::CameraPose;
 use manager::scene::{Entities, Scene};
-use manager::select::{Selection, Selector};
-use proto::frame::{FrameState, Moved};
+use manager::select::{Detail, DetailMode, LevelTable, Selection, Selector, detail};
+use proto::frame::{FrameState, Moved, VersionWeights};
 use proto::share::Part;
 use proto::view::{Pose, View};
 use std::num::NonZeroUsize;
@@ -19,6 +19,9 @@ pub(crate) struct InProcess<'a> {
     scene: &'a Scene,
     store: SceneStore,
     renderer: Renderer,
+    /// `None`: everything at its finest.
+    detail: Option<Detail>,
+    weights: Vec<VersionWeights>,
     selector: Selector,
     pub selection: Selection,
     /// Time of the last selection, ms.
@@ -31,7 +34,7 @@ fn said(error: impl std::fmt::Display) -> CommandError {
 
 impl<'a> InProcess<'a> {
     /// Takes the scene's content in.
-    pub(crate) fn new(scene: &'a Scene, threads: NonZeroUsize) -> Result<Self, CommandError> {
+    pub(crate) fn new(scene: &'a Scene, threads: NonZeroUsize, detail: DetailMode) -> Result<Self, CommandError> {
         let mut store = SceneStore::new();
         for (id, texture) in &scene.textures {
             store.insert_texture(*id, texture.as_ref().clone()).map_err(said)?;
@@ -42,7 +45,8 @@ impl<'a> InProcess<'a> {
         store.set_table(scene.table.clone()).map_err(said)?;
         let renderer = Renderer::new(threads).map_err(said)?;
         let (selector, selection) = (Selector::new(), Selection::default());
-        Ok(Self { scene, store, renderer, selector, selection, select_ms: 0.0 })
+        let detail = (detail == DetailMode::Auto).then(|| Detail::new(scene, LevelTable::default()));
+        Ok(Self { scene, store, renderer, detail, weights: Vec::new(), selector, selection, select_ms: 0.0 })
     }
 
     /// Its renderer, to set options of.
@@ -57,10 +61,18 @@ impl<'a> InProcess<'a> {
         let mut moved: Vec<Moved> = Vec::new();
         entities.moved(&mut moved);
         self.store.set_moved(&moved).map_err(said)?;
-        let weights = self.scene.version_weights(&pose.versions).map_err(said)?;
-        self.store.set_weights(&weights).map_err(said)?;
+        let given = self.scene.version_weights(&pose.versions).map_err(said)?;
         let visibility = state.environment.visibility_m;
-        self.selector.select(self.scene, &entities, &weights, state.eye, view, visibility, &mut self.selection);
+        match &self.detail {
+            None => self.weights = given,
+            Some(detail) => {
+                let factor = detail::display_factor([view]);
+                let (eye, out) = (state.eye.position, &mut self.weights);
+                detail.select(self.scene, &entities, &given, eye, factor, visibility, out);
+            }
+        }
+        self.store.set_weights(&self.weights).map_err(said)?;
+        self.selector.select(self.scene, &entities, &self.weights, state.eye, view, visibility, &mut self.selection);
         self.select_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(())
     }

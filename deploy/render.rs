@@ -49,7 +49,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), CommandError> {
         environment: settings::environment(&args.air, &crate::rig_file::Air::default())?,
     };
     let threads = args.threads.unwrap_or_else(processors);
-    let mut drawer = InProcess::new(&source.scene, threads)?;
+    let mut drawer = InProcess::new(&source.scene, threads, args.detail.into())?;
     drawer.renderer().set_simd(args.simd.unwrap_or_default());
     let setup = ViewSetup { mode: args.mode.into(), ..ViewSetup::new(view) };
     let drawn = draw(&mut drawer, pose, &state, &setup, args.boards, kind.format())?;

@@ -102,6 +102,7 @@ impl Rig {
         if args.mode == ModeArg::Region {
             manager.args(["--mode", "region"]);
         }
+        manager.args(["--detail", args.detail.name()]);
         manager.args(["--console", &console(args.console)]);
         manager.args(air_flags(args));
         if let Some(frames) = frames {
@@ -310,6 +311,9 @@ fn air_flags(args: &RigArgs) -> Vec<String> {
         .collect();
     if let Some(visibility) = air.visibility {
         flags.extend(["--visibility".into(), visibility.to_string()]);
+    }
+    if air.scene_lights {
+        flags.push("--scene-lights".into());
     }
     flags
 }

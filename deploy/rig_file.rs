@@ -1,6 +1,7 @@
 //! Rig files: TOML, every key known by name. `deploy/rigs/annotated.toml` documents each.
 
 use crate::error::CommandError;
+use manager::select::DetailMode;
 use proto::view::{Mode, Tangents};
 use serde::Deserialize;
 use std::net::SocketAddr;
@@ -16,6 +17,8 @@ pub(crate) struct RigFile {
     pub camera: Option<String>,
     /// Frames a second.
     pub rate_hz: Option<f64>,
+    /// Which levels of detail are shown.
+    pub detail: Option<DetailEntry>,
     /// Default row of views, when there are no `[[views]]`.
     #[serde(default)]
     pub row: Row,
@@ -50,6 +53,22 @@ pub(crate) enum SamplesEntry {
 pub(crate) enum ModeEntry {
     Interleave,
     Region,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum DetailEntry {
+    Auto,
+    Finest,
+}
+
+impl From<DetailEntry> for DetailMode {
+    fn from(entry: DetailEntry) -> Self {
+        match entry {
+            DetailEntry::Auto => Self::Auto,
+            DetailEntry::Finest => Self::Finest,
+        }
+    }
 }
 
 impl From<ModeEntry> for Mode {
@@ -89,6 +108,7 @@ pub(crate) struct Air {
     pub sun: Option<[f64; 3]>,
     pub visibility_m: Option<f64>,
     pub fog: Option<[f64; 3]>,
+    pub scene_lights: Option<bool>,
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]

@@ -1,7 +1,7 @@
 //! From flags, environment and rig file to the configuration that runs: flags win over environment (clap sees to
 //! that), both win over the file, and the defaults are here.
 
-use crate::cli::{AirArgs, Console, ManagerArgs, ModeArg, RowArgs};
+use crate::cli::{AirArgs, Console, DetailArg, ManagerArgs, ModeArg, RowArgs};
 use crate::error::CommandError;
 use crate::rig_file::{Air, RigFile, SamplesEntry, ViewEntry};
 use crate::source;
@@ -9,6 +9,7 @@ use glam::{DQuat, DVec3};
 use manager::backplane::{Config, DefaultRow, Stage};
 use manager::host::camera::{CameraFile, FOV_DEFAULT_DEG};
 use manager::scene::Scene;
+use manager::select::DetailMode;
 use proto::chain::ClockMode;
 use proto::frame::{Background, Environment};
 use proto::limits;
@@ -87,6 +88,7 @@ pub(crate) fn environment(args: &AirArgs, file: &Air) -> Result<Environment, Com
     if environment.visibility_m.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
         return Err(CommandError::said("the visibility must be above zero"));
     }
+    environment.scene_lights = args.scene_lights || file.scene_lights.unwrap_or_default();
     environment.fog = args.fog.or(file.fog).map(narrow);
     Ok(environment)
 }
@@ -134,6 +136,7 @@ pub(crate) fn stage(
     camera: &CameraFile,
     args: &RowArgs,
     mode: Option<ModeArg>,
+    detail: Option<DetailArg>,
     air: &AirArgs,
     file: &RigFile,
 ) -> Result<Stage, CommandError> {
@@ -159,7 +162,8 @@ pub(crate) fn stage(
             "the stitched picture would be larger than {largest} pixels; use smaller views"
         )));
     }
-    Ok(Stage { scene: Arc::new(scene), views, row, environment, eye })
+    let detail = detail.map(DetailMode::from).or(file.detail.map(DetailMode::from)).unwrap_or_default();
+    Ok(Stage { scene: Arc::new(scene), views, row, environment, detail, eye })
 }
 
 /// The manager's configuration.
@@ -188,7 +192,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
     };
     let source = source::load(&scene, camera.as_deref())?;
     Ok(Config {
-        stage: stage(source.scene, &source.camera, &args.row, args.mode, &args.air, &file)?,
+        stage: stage(source.scene, &source.camera, &args.row, args.mode, args.detail, &args.air, &file)?,
         mode,
         frames: args.frames,
         wait_for_boards: args.wait_for_boards,

@@ -14,6 +14,8 @@ pub const OBJECTS_MAX: usize = 16_000_000;
 pub const SUBOBJECTS_MAX: usize = 64_000_000;
 /// Most triangles of one subobject: small enough that a list can drop or reorder it as one piece of work.
 pub const TRIANGLES_PER_SUBOBJECT_MAX: usize = 2048;
+/// Models of a scene: what merges its layers or has levels of detail. A frame names as many at most.
+pub const MODELS_MAX: usize = 100_000;
 /// Most versions of a model.
 pub const VERSIONS_MAX: usize = 16;
 /// Most lights of a scene.

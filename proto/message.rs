@@ -224,7 +224,7 @@ impl FramePayload {
             let object = ObjectId(reader.value()?);
             moved.push(Moved { object, transform: take_affine(&mut reader)? });
         }
-        let count = within("models with weights", header.weights.into(), limits::MOVED_MAX)?;
+        let count = within("models with weights", header.weights.into(), limits::MODELS_MAX)?;
         let mut weights = Vec::with_capacity(count.min(payload.len() / 8));
         for _ in 0..count {
             let model = ModelId(reader.value()?);

@@ -16,6 +16,7 @@ use ::peer::protocol::Child;
 use channel::pipeline::{DrawStats, TilePictures};
 use manager::host::camera::CameraPose;
 use manager::scene::Scene;
+use manager::select::DetailMode;
 use proto::share::Part;
 use proto::view::Samples;
 use std::num::NonZeroUsize;
@@ -130,7 +131,7 @@ impl<'a> Field<'a> {
 
     /// One more renderer of ours; its number.
     pub(super) fn add(&mut self, scene: &'a Scene, threads: NonZeroUsize) -> Result<usize, CommandError> {
-        let mut drawer = InProcess::new(scene, threads)?;
+        let mut drawer = InProcess::new(scene, threads, DetailMode::Finest)?;
         drawer.renderer().set_simd(self.args.simd.unwrap_or_default());
         self.drawers.push(drawer);
         Ok(self.drawers.len() - 1)

@@ -2,7 +2,7 @@
 
 use super::lists::Lists;
 use crate::scene::{Entities, NodeIndex, Scene};
-use crate::select::{Counters, Selection, Selector};
+use crate::select::{Counters, Detail, DetailMode, LevelTable, Selection, Selector, detail};
 use proto::frame::{Environment, Moved, VersionWeights};
 use proto::ids::ModelId;
 use proto::pose::{EntityRef, PosePacket, name_hash};
@@ -44,6 +44,8 @@ pub struct Stage {
     pub row: Option<DefaultRow>,
     /// Light and air.
     pub environment: Environment,
+    /// Whether models are shown by the rules of detail.
+    pub detail: DetailMode,
     /// The eye until a host speaks.
     pub eye: Pose,
 }
@@ -57,11 +59,14 @@ pub(crate) struct Director {
     by_hash: BTreeMap<u64, NodeIndex>,
     /// Models by the hash of their nodes' names, and how many versions each has.
     models: BTreeMap<u64, (ModelId, u32)>,
+    detail: Detail,
     selector: Selector,
     selection: Selection,
     pub lists: Lists,
     pub moved: Vec<Moved>,
-    /// Models that the host mixes in this frame.
+    /// Models that the host mixes, ascending.
+    given: Vec<VersionWeights>,
+    /// How models are mixed in this frame, by the host or by detail; those that aren't named show their finest version.
     pub weights: Vec<VersionWeights>,
     /// Grows when the views change.
     pub views_revision: u64,
@@ -77,15 +82,18 @@ impl Director {
             (name_hash(name), (id, versions))
         });
         let models = models.collect();
+        let detail = Detail::new(&stage.scene, LevelTable::default());
         Self {
             stage,
             entities,
             by_hash,
             models,
+            detail,
             selector: Selector::new(),
             selection: Selection::default(),
             lists: Lists::default(),
             moved: Vec::new(),
+            given: Vec::new(),
             weights: Vec::new(),
             views_revision: 1,
         }
@@ -124,21 +132,35 @@ impl Director {
                 None => unknown += 1,
             }
         }
-        self.weights.clear();
+        self.given.clear();
         for model in &packet.models {
             match self.models.get(&model.name) {
                 Some((id, versions)) if *versions as usize == model.weights.len() => {
-                    self.weights.push(VersionWeights { model: *id, weights: model.weights.clone() });
+                    self.given.push(VersionWeights { model: *id, weights: model.weights.clone() });
                 }
                 _ => unknown += 1,
             }
         }
+        // Two names can mean one model; the later word holds.
+        self.given.reverse();
+        self.given.sort_by_key(|given| given.model);
+        self.given.dedup_by_key(|given| given.model);
         unknown
     }
 
     /// Makes the lists of all views for the present eye and entities. Returns the counts, one entry per view.
     pub(crate) fn select(&mut self) -> impl Iterator<Item = Counters> {
         self.entities.moved(&mut self.moved);
+        let Stage { scene, views, environment, detail, eye, .. } = &self.stage;
+        match detail {
+            DetailMode::Finest => self.weights.clone_from(&self.given),
+            DetailMode::Auto => {
+                let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
+                let visibility = environment.visibility_m;
+                let (given, out) = (&self.given, &mut self.weights);
+                self.detail.select(scene, &self.entities, given, eye.position, factor, visibility, out);
+            }
+        }
         let mut counts = Vec::with_capacity(self.stage.views.len());
         for (i, setup) in self.stage.views.iter().enumerate() {
             let Stage { scene, eye, environment, .. } = &self.stage;

@@ -275,6 +275,10 @@ impl Scene {
             nodes.push(node);
             said.push(extras);
         }
+        let (what, count, limit) = ("models", finder.models.len(), limits::MODELS_MAX);
+        if count > limit {
+            return Err(AssembleError::TooMany { what, count, limit });
+        }
         table.models = finder.rows();
         let model_names = finder.names(&nodes);
         planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);

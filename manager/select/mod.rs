@@ -1,6 +1,7 @@
 //! Selection: from (scene, poses, eye, view) to the list of what is seen, nearest first.
 //!
-//! Three of the steps of manager.md are here. *Cull*: the tree of balls over all objects is walked from the top; a branch
+//! Four of the steps of manager.md are here. *Detail*: which versions of each model are shown, and how they are mixed
+//! ([`detail`]). *Cull*: the tree of balls over all objects is walked from the top; a branch
 //! outside the view is dropped without a look inside it, one wholly inside gives all it has without another test,
 //! and only what lies across a border is asked again, down to the single subobject and its box. Moved objects are
 //! outside the tree and are asked one by one. *Key*: the power of the view's apex with respect to each subobject's ball,
@@ -13,11 +14,13 @@
 //!
 //! All of it is a pure function; [`Selector`] holds only working memory. Nothing here knows how many boards there are.
 
+pub mod detail;
 mod frustum;
 mod sort;
 #[cfg(test)]
 mod tests;
 
+pub use detail::{Detail, DetailMode, LevelTable};
 pub use frustum::{Frustum, Where};
 
 use crate::scene::{Entities, MovedObject, Scene, bounds};

@@ -11,6 +11,7 @@
 mod bad_input;
 mod hostile;
 mod lifecycle;
+mod lights;
 mod pictures;
 mod program;
 mod transition;
