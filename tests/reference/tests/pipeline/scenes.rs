@@ -373,6 +373,61 @@ fn squares_that_touch_are_ordered_by_their_place_in_the_file_from_anywhere() {
     assert!(differences > 5, "{differences}");
 }
 
+/// Walls that stand on, or go through, a ground whose faces share a plane with markings: along the line of contact a
+/// fraction of 1/256 pixel decides which of the two is in front, and the lower the eye, the farther along the ground.
+#[test]
+fn what_stands_on_a_shared_plane_agrees_in_every_pixel() {
+    let mut random = Random(37);
+    let (mut by_corners, mut worst) = (0, 0.0f64);
+    for round in 0..120 {
+        let mut parts = Parts::default();
+        let turn = DQuat::from_axis_angle(random.vector(1.0).normalize(), random.between(-0.3, 0.3));
+        for [half, shade] in [[43.7f32, 0.2], [11.3, 0.7]] {
+            let positions = [[-half, 0.0, half], [half, 0.0, half], [half, 0.0, -half], [-half, 0.0, -half]];
+            add_square(&mut parts, positions, [shade, 1.0 - shade, 0.5, 1.0], false, turn);
+        }
+        for k in 0..12 {
+            let [[x, z], [dx, dz]] = [20.0, 6.0].map(|size| [0; 2].map(|_| random.between(-size, size) as f32));
+            let bottom = if k % 3 == 0 { -random.unit() as f32 } else { 0.0 };
+            let top = random.between(0.5, 4.0) as f32;
+            let positions = [[x, bottom, z], [x + dx, bottom, z + dz], [x + dx, top, z + dz], [x, top, z]];
+            add_square(&mut parts, positions, [0.9, k as f32 / 12.0, 0.1, 1.0], true, turn);
+        }
+        let scene = Scene::assemble(parts).unwrap();
+        assert!(!scene.table.planes.is_empty());
+        // From well above to nearly in the plane, where faces are slivers a hundredth of a pixel wide. There none is
+        // cut, for a cut sliver's outline may cross itself, and nothing is faded: where a rounded corner lies beyond
+        // the plane's horizon, the pipeline fades by the corners' distances.
+        let height = [0.3, 0.03, 1e-3, 1e-6][round % 4] * random.between(0.1, 1.0);
+        let is_edge_on = round % 4 == 3;
+        let distance = [if is_edge_on { 100.0 } else { 30.0 }, 300.0, 3000.0][round % 3];
+        let direction = turn * DVec3::new(random.between(-1.0, 1.0), height, 1.0).normalize();
+        let mut state = state(Pose::looking_at(direction * distance, DVec3::ZERO, DVec3::Y).unwrap());
+        state.environment.background = Background::Constant([0.2, 0.3, 0.4]);
+        state.environment.visibility_m = (round % 7 == 0 && !is_edge_on).then_some(distance * 1.01);
+        let samples = ALL_SAMPLES[round % 5];
+        let view = view(96, 54, Tangents::symmetric(4000.0 / distance.max(60.0), 96, 54), samples);
+        let mut content = Content::of(&scene);
+        let is_coloured = round / 4 % 2 == 1;
+        if is_coloured {
+            // Colours at the vertices show how far along a face a place is.
+            for mesh in content.meshes.values_mut() {
+                let mesh = Arc::make_mut(mesh);
+                mesh.colors = mesh.positions.iter().map(|_| [0; 4].map(|_| random.unit() as f32)).collect();
+            }
+        }
+        let (linear, _) = content.draw(&state, &view);
+        let truth = content.reference(&state, &view);
+        let wrong = unlike(&linear, &truth);
+        worst = worst.max(compare(Shown::Linear(&linear), &truth).all.max_255);
+        assert!(wrong.is_empty(), "round {round}: pixels {wrong:?}");
+        let own = reference::sample(&content.world().without_planes(), &state, &view, &like_pipeline(samples));
+        by_corners += if is_edge_on || is_coloured { 0 } else { unlike(&linear, &own).len() };
+    }
+    println!("what stands on a plane: worst {worst:.4}/255; {by_corners} pixels would be others by rounded corners");
+    assert!(by_corners > 100, "{by_corners}");
+}
+
 #[test]
 fn the_airport_has_the_references_colours() {
     let (scene, camera) = airport();
