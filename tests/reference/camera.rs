@@ -45,6 +45,11 @@ impl Camera {
         self.world_to_view * (transform.matrix3 * point + origin)
     }
 
+    /// A direction of a mesh in the view's axes, as long as the transformation makes it.
+    pub fn view_direction(&self, transform: &DAffine3, direction: DVec3) -> DVec3 {
+        self.world_to_view * (transform.matrix3 * direction)
+    }
+
     /// Where a point of the view's frame with Z < 0 lands, pixels from the upper left.
     pub fn project(&self, point: DVec3) -> [f64; 2] {
         let t = &self.tangents;

@@ -15,14 +15,15 @@
 //!   which the stack of faces is constant, and their colours are added up by area.
 //!
 //! In the order of the data's way: [`world`] what is drawn; [`camera`] and [`screen`] where it lands; [`coverage`]
-//! which points a face hits; [`plane`] which faces lie in one plane; [`texture`] and [`shade`] what colour it has
-//! there; [`translucency`] how fragments add up; [`sampling`] and [`integral`] the two renderers; [`mod@compare`] how
-//! far another picture is from ours.
+//! which points a face hits; [`plane`] which faces lie in one plane; [`depth`] how far off they are; [`texture`] and
+//! [`shade`] what colour a face has at a point; [`translucency`] how fragments add up; [`sampling`] and [`integral`]
+//! the two renderers; [`mod@compare`] how far another picture is from ours.
 #![forbid(unsafe_code)]
 
 pub mod camera;
 pub mod compare;
 pub mod coverage;
+pub mod depth;
 pub mod integral;
 pub mod picture;
 pub mod plane;

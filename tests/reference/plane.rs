@@ -3,12 +3,39 @@
 //! "Planes coincide when every vertex of the one lies within 1e-6 of the other's plane, relative to the larger of the
 //! faces' extent and their coordinates in the mesh (not the world)."
 //!
+//! So it is decided which of two is in front where they meet. How deep they lie the scene says: for faces that lie over
+//! each other its tables have the one plane from which all of them take their depth ([`ScenePlane`]). It is data, as
+//! vertices are; that a face lies in it by the rule above is checked ([`crate::World::of_scene`]).
+//!
 //! Choices: it suffices that one of the two faces lies in the other's plane (the corners of a whole runway needn't
 //! lie in the plane that one small marking spans); faces of different objects are compared where they are, each
 //! object's lengths scaled as its transformation does; of several faces that are seen together, those that a chain of
 //! coincidences connects lie in one plane.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
+
+/// A plane from which faces take their depth: n · p = offset in the mesh space of an object.
+#[derive(Clone, Copy, Debug)]
+pub struct ScenePlane {
+    /// That mesh space → world.
+    pub transform: DAffine3,
+    /// n, a unit vector.
+    pub normal: DVec3,
+    /// Distance of the plane from the mesh's origin along n, m.
+    pub offset: f64,
+}
+
+impl ScenePlane {
+    /// How far from it a point of a mesh in its place is, m.
+    pub fn distance(&self, transform: &DAffine3, point: DVec3) -> f64 {
+        let linear = self.transform.matrix3;
+        let (u, v) = self.normal.any_orthonormal_pair();
+        let normal = (linear * u).cross(linear * v).normalize_or_zero();
+        // Relative to the plane's object, so that it is the same far from the world's origin.
+        let place = transform.matrix3 * point + (transform.translation - self.transform.translation);
+        normal.dot(place - linear * (self.normal * self.offset)).abs()
+    }
+}
 
 /// A face's plane, relative to the eye, and how far from it still counts as in it.
 #[derive(Clone, Copy, Debug)]
@@ -23,12 +50,15 @@ pub struct FacePlane {
 /// picture.md, "Coplanar layers".
 const TOLERANCE: f64 = 1e-6;
 
+/// How far a face may be from the plane that it takes its depth from, relative to the largest that does: more than one
+/// tolerance, for a chain of coincidences may have led from that face to this one.
+pub const LIES_IN: f64 = 10.0 * TOLERANCE;
+
 impl FacePlane {
-    /// The plane of a face with these corners, the largest of its coordinates in the mesh being `coordinate`.
-    pub fn new(points: [DVec3; 3], coordinate: f64) -> Self {
+    /// The plane of a face with these corners; `reach` as [`crate::Instance::reach`] has it.
+    pub fn new(points: [DVec3; 3], reach: f64) -> Self {
         let [a, b, c] = points;
-        let extent = a.distance(b).max(b.distance(c)).max(c.distance(a));
-        Self { points, normal: (b - a).cross(c - a).normalize_or_zero(), reach: extent.max(coordinate) }
+        Self { points, normal: (b - a).cross(c - a).normalize_or_zero(), reach }
     }
 
     /// Whether the two planes coincide.

@@ -34,8 +34,8 @@ pub struct Options {
     pub points: Vec<[f64; 2]>,
     /// What pixels see of textures.
     pub filtering: Filtering,
-    /// Whether faces in one plane are ordered by layer and place in the file, as the page demands, or like any others
-    /// by depth, and only at exactly equal depth by their place.
+    /// Whether faces in one plane share its depth and are ordered by layer and place in the file, as the page demands,
+    /// or like any others by a depth of their own, and only at exactly equal depth by their place.
     pub layers: bool,
     /// "One sample spacing" for telling edge pixels, pixels; `None`: only what the points themselves see counts.
     pub spacing: Option<f64>,
@@ -67,6 +67,13 @@ impl Options {
 /// If `options` has no points, or a material names a texture that the world doesn't have.
 pub fn sample(world: &World<'_>, state: &FrameState, view: &View, options: &Options) -> Picture {
     assert!(!options.points.is_empty(), "a pixel is looked at somewhere");
+    let bare;
+    let world = if options.layers {
+        world
+    } else {
+        bare = world.without_planes();
+        &bare
+    };
     let screen = Screen::new(world, state, view, options.vertices);
     let margin = options.spacing.unwrap_or(0.0);
     let rows = screen.pieces_by_row(margin);
@@ -246,7 +253,8 @@ impl<'s> Sampler<'s> {
         }
     }
 
-    /// Gives faces that lie in one plane the depth of the lowest among them, so that their rank decides.
+    /// Gives faces that lie in one plane the depth of the lowest among them, so that their rank decides. Where the
+    /// scene says which plane that is, they have it already.
     fn settle_planes(&self, seen: &[Seen<'s>], groups: &[usize], hits: &mut [Hit]) {
         let old: Vec<Hit> = hits.to_vec();
         for hit in hits {

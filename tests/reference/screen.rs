@@ -3,7 +3,8 @@
 //! A face is moved to the view's frame in f64 and cut where it crosses the near plane; what is left is fanned out into
 //! *pieces*, triangles on the screen that remember their place in the face. Screen vertices are the true projection or
 //! that projection rounded to a grid; in the latter case coverage, depth and attributes are those of the rounded
-//! vertices, as picture.md has it ("One sample").
+//! vertices, as picture.md has it ("One sample"), but for the depth of faces that have it from a plane of the scene
+//! ([`crate::depth`]).
 //!
 //! Neighbours that are cut must agree on the new vertex, so it is computed from the edge's inner end to its outer end,
 //! whichever way round the face runs.
@@ -14,6 +15,7 @@
 
 use crate::camera::Camera;
 use crate::coverage::side;
+use crate::depth::InverseDepth;
 use crate::plane::FacePlane;
 use crate::world::World;
 use glam::{DMat3, DVec3};
@@ -68,21 +70,21 @@ pub struct Piece {
     pub face: u32,
     /// Corners, pixels; clockwise as seen, y being downwards.
     pub corners: [[f64; 2]; 3],
-    /// 1/−Z at the corners.
+    /// 1/−Z over the screen.
+    pub depth: InverseDepth,
+    /// 1/−Z at the corners, for the weights. Positive: a rounded corner beyond the horizon of its face's plane is all
+    /// but infinitely far.
     pub inverse: [f64; 3],
     /// Each corner's weights of the face's three vertices.
     pub weights: [[f64; 3]; 3],
-    /// Change of 1/−Z per pixel to the right and down.
-    pub slope: [f64; 2],
     /// Seen from behind.
     pub is_behind: bool,
 }
 
 impl Piece {
-    /// 1/−Z at a point of the screen, also beyond the corners: an affine function.
-    pub fn inverse_depth(&self, [x, y]: [f64; 2]) -> f64 {
-        let corner = self.corners[0];
-        self.inverse[0] + (self.slope[0] * (x - corner[0]) + self.slope[1] * (y - corner[1]))
+    /// 1/−Z at a point of the screen, also beyond the corners.
+    pub fn inverse_depth(&self, point: [f64; 2]) -> f64 {
+        self.depth.at(point)
     }
 
     /// The weights of the face's three vertices at a point of the screen, perspectively correct.
@@ -100,6 +102,9 @@ impl Piece {
         [c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2])]
     }
 }
+
+/// 1/−Z that is as good as none, 1/m, and still can be multiplied and divided by.
+const FARTHEST: f64 = 1e-200;
 
 /// All faces of a world on the screen of a view.
 #[derive(Clone, Debug)]
@@ -145,13 +150,17 @@ impl<'a> Screen<'a> {
             materials: Vec::new(),
             normals: Vec::new(),
         };
+        let camera = screen.camera;
+        let planes: Vec<_> =
+            world.planes.iter().map(|plane| InverseDepth::of_scene_plane(&camera, plane, vertices)).collect();
         for instance in 0..world.instances.len() {
-            screen.add(instance, vertices);
+            screen.add(instance, &planes, vertices);
         }
         screen
     }
 
-    fn add(&mut self, number: usize, vertices: Vertices) {
+    /// Adds an instance's faces, `planes` being what there is of the world's planes.
+    fn add(&mut self, number: usize, planes: &[Option<InverseDepth>], vertices: Vertices) {
         let instance = &self.world.instances[number];
         let mesh = instance.mesh;
         let linear = instance.transform.matrix3;
@@ -161,7 +170,6 @@ impl<'a> Screen<'a> {
             self.materials.push(mesh.material);
             self.materials.len() - 1
         });
-        let stretch = [linear.x_axis, linear.y_axis, linear.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
         let placed: Vec<DVec3> =
             (0..mesh.positions.len()).map(|i| self.camera.view_point(&instance.transform, mesh.position(i))).collect();
         for (triangle, corners) in mesh.triangles.iter().enumerate() {
@@ -171,15 +179,14 @@ impl<'a> Screen<'a> {
             }
             let pieces = self.pieces.len();
             let face = self.faces.len() as u32;
-            self.cut_and_project(face, points, mirrored, mesh.material.double_sided, vertices);
+            let shared = instance.planes.get(triangle).copied().flatten().and_then(|plane| planes[plane as usize]);
+            self.cut_and_project(face, points, mirrored, mesh.material.double_sided, shared, vertices);
             if self.pieces.len() > pieces {
-                let coordinate =
-                    corners.iter().map(|c| mesh.position(*c as usize).abs().max_element()).fold(0.0, f64::max);
                 self.faces.push(Face {
                     instance: number as u32,
                     triangle: triangle as u32,
                     rank: (instance.layer, instance.primitive, mesh.face_numbers[triangle]),
-                    plane: FacePlane::new(points, coordinate * stretch),
+                    plane: FacePlane::new(points, instance.reach(triangle)),
                     material: material as u32,
                 });
             }
@@ -192,6 +199,7 @@ impl<'a> Screen<'a> {
         points: [DVec3; 3],
         mirrored: bool,
         double_sided: bool,
+        shared: Option<InverseDepth>,
         vertices: Vertices,
     ) {
         let near = self.camera.near;
@@ -218,25 +226,22 @@ impl<'a> Screen<'a> {
             }
             let order = if area > 0.0 { [0, k, k + 1] } else { [0, k + 1, k] };
             let corners = order.map(|i| seen[i]);
-            let inverse = order.map(|i| -1.0 / polygon[i].point.z);
-            let slope = match vertices {
-                Vertices::Exact => self.true_slope(points),
-                Vertices::Rounded(_) => slope_through(corners, inverse),
+            let own = order.map(|i| -1.0 / polygon[i].point.z);
+            let (depth, inverse) = match (shared, vertices) {
+                (Some(shared), _) => (shared, corners.map(|corner| shared.at(corner).max(FARTHEST))),
+                (None, Vertices::Exact) => (self.true_depth(points).through(corners[0], own[0]), own),
+                (None, Vertices::Rounded(_)) => (InverseDepth::through_corners(corners, own), own),
             };
-            if slope.iter().all(|s| s.is_finite()) {
+            if depth.is_finite() {
                 let weights = order.map(|i| polygon[i].weights);
-                self.pieces.push(Piece { face, corners, inverse, weights, slope, is_behind });
+                self.pieces.push(Piece { face, corners, depth, inverse, weights, is_behind });
             }
         }
     }
 
-    /// Change of 1/−Z per pixel on the plane through three points of the view's frame. With the normal n, P = w·(X,
-    /// Y, −1) lies in the plane if w · n·(X, Y, −1) = n·P₀, so 1/w is affine in (X, Y).
-    fn true_slope(&self, [a, b, c]: [DVec3; 3]) -> [f64; 2] {
-        let normal = (b - a).cross(c - a);
-        let distance = normal.dot(a);
-        let [dx, dy] = self.camera.per_pixel();
-        [normal.x * dx / distance, normal.y * dy / distance]
+    /// 1/−Z on the plane through three points of the view's frame.
+    fn true_depth(&self, [a, b, c]: [DVec3; 3]) -> InverseDepth {
+        InverseDepth::of_plane(&self.camera, (b - a).cross(c - a), a)
     }
 
     /// The pieces that reach the view, by the rows of pixels that they reach, each in the order of the file.
@@ -273,14 +278,6 @@ fn place(screen: [f64; 2], vertices: Vertices) -> [f64; 2] {
             screen.map(|c| (c * steps + 0.5).floor() / steps)
         }
     }
-}
-
-/// Change of an affine function with these values at three corners, per pixel right and down.
-fn slope_through([a, b, c]: [[f64; 2]; 3], value: [f64; 3]) -> [f64; 2] {
-    let area = side(a, b, c);
-    let ([x1, y1], [x2, y2]) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-    let (v1, v2) = (value[1] - value[0], value[2] - value[0]);
-    [(v1 * y2 - v2 * y1) / area, (v2 * x1 - v1 * x2) / area]
 }
 
 /// The part of a polygon where `inside` is not negative. New vertices lie at the depth `flat`, if there is one.

@@ -72,9 +72,10 @@ impl Screen<'_> {
         Shaded { color, alpha, texels_per_pixel }
     }
 
-    /// Euclidean distance from the eye, m.
+    /// Euclidean distance from the eye, m; infinite at the horizon of a plane and beyond.
     pub fn distance(&self, at: Place<'_>) -> f64 {
-        self.camera.slant(at.point) / at.piece.inverse_depth(at.point)
+        let inverse = at.piece.inverse_depth(at.point);
+        if inverse > 0.0 { self.camera.slant(at.point) / inverse } else { f64::INFINITY }
     }
 
     /// The product of factor, vertex colour and texture in alpha at one place; what a cut-off is compared with.

@@ -6,6 +6,7 @@
 mod flat;
 mod formula;
 mod look;
+mod planes;
 
 use crate::{Model, World};
 use glam::{DAffine3, DVec3};

@@ -5,8 +5,7 @@ use manager::scene::split::{Primitive, split};
 use manager::scene::{Extras, NodeSource, Parts, PieceSource};
 use proto::frame::Background;
 use proto::ids::ModelId;
-use proto::scene::{Filter, LightKind, LightRow, ModelPart, ModelRow, NO_PLANE, PlaneRow, TextureUse, Wrap};
-use reference::screen::{Piece, Screen};
+use proto::scene::{Filter, LightKind, LightRow, ModelPart, ModelRow, PlaneRow, TextureUse, Wrap};
 
 #[test]
 fn random_faces_have_the_references_colours() {
@@ -261,20 +260,18 @@ fn untextured_models_agree_in_every_pixel() {
 
 #[test]
 fn the_airport_without_textures_agrees_in_every_pixel() {
-    // Markings on runways among it: faces in one plane, ordered by layers. The reference finds the planes by itself.
+    // Markings on runways among it, faces in one plane, ordered by layers; the reference finds that order by itself.
+    // And what stands on them: wheels, masts, walls.
     let (scene, camera) = airport();
     let count = camera.poses.len();
     for pose in [0, count / 3, count / 2, count - 1].map(|i| &camera.poses[i]) {
         let (content, state, view) = airport_without_textures(&scene, pose);
         let (linear, _) = content.draw(&state, &view);
         let truth = content.reference(&state, &view);
-        let contacts = unlike(&linear, &truth);
-        for pixel in &contacts {
-            assert!(is_contact(&content, &state, &view, *pixel), "pixel {pixel}");
-        }
+        let wrong = unlike(&linear, &truth);
         let all = compare(Shown::Linear(&linear), &truth).all;
-        println!("airport from {:?}, untextured: {} pixels where something stands; {all}", pose.eye, contacts.len());
-        assert!(contacts.len() <= 2, "{contacts:?}");
+        println!("airport from {:?}, untextured: {} pixels are unlike; {all}", pose.eye, wrong.len());
+        assert!(wrong.is_empty(), "pixels {wrong:?}");
     }
 }
 
@@ -304,39 +301,6 @@ fn unlike(linear: &[f32], truth: &Picture) -> Vec<usize> {
         .collect()
 }
 
-/// Whether at a point of a pixel a face that shares its plane meets one that stands on it, a wheel on an apron. The pipeline takes
-/// a shared plane as it is, the reference through the face's rounded corners, which puts it up to half a step of the
-/// grid aside; along the line of contact that decides which of the two is in front.
-fn is_contact(content: &Content, state: &FrameState, view: &View, pixel: usize) -> bool {
-    let world = content.world();
-    let screen = Screen::new(&world, state, view, Vertices::Rounded(Grid::PIPELINE));
-    let [x, y] = [pixel as u32 % view.width, pixel as u32 / view.width].map(f64::from);
-    let shared = |piece: &Piece| {
-        let face = screen.faces[piece.face as usize];
-        let row = &content.table.subobjects[face.instance as usize];
-        row.planes.map(|start| content.table.face_planes[start as usize + face.triangle as usize])
-    };
-    points(view.samples).iter().any(|[dx, dy]| {
-        let point = [x + dx, y + dy];
-        let is_hit = |piece: &&Piece| {
-            (0..3).all(|k| {
-                let ([ax, ay], [bx, by]) = (piece.corners[k], piece.corners[(k + 1) % 3]);
-                (bx - ax) * (point[1] - ay) >= (by - ay) * (point[0] - ax)
-            })
-        };
-        let hits: Vec<&Piece> = screen.pieces.iter().filter(is_hit).collect();
-        hits.iter().any(|ground| {
-            let half_a_step = (ground.slope[0].abs() + ground.slope[1].abs()) / 512.0;
-            let plane = shared(ground).filter(|plane| *plane != NO_PLANE);
-            plane.is_some()
-                && hits.iter().any(|other| {
-                    let apart = (other.inverse_depth(point) - ground.inverse_depth(point)).abs();
-                    shared(other) != plane && apart <= half_a_step * 1.001
-                })
-        })
-    })
-}
-
 /// The reference's picture by the page's rule for coplanar faces, and by depth alone.
 fn by_layer_and_by_depth(content: &Content, state: &FrameState, view: &View) -> (Picture, Picture) {
     let (world, options) = (content.world(), like_pipeline(view.samples));
@@ -354,12 +318,26 @@ fn faces_in_one_plane_that_touch_are_ordered_by_layer() {
     let (content, state, view) = airport_without_textures(&scene, camera.poses.last().unwrap());
     let (linear, _) = content.draw(&state, &view);
     let (by_layer, by_depth) = by_layer_and_by_depth(&content, &state, &view);
-    let touching: Vec<usize> =
-        (0..by_layer.linear.len()).filter(|i| by_layer.linear[*i] != by_depth.linear[*i]).collect();
+    let by_depth: Vec<f32> = by_depth.linear.iter().flatten().map(|c| *c as f32).collect();
+    let touching = unlike(&by_depth, &by_layer);
     println!("pixels in which layer and depth differ: {touching:?}");
     assert!(touching.contains(&(60 * 192 + 54)), "the taxiway and the apron meet where they met");
-    let wrong: Vec<usize> = unlike(&linear, &by_layer).into_iter().filter(|i| touching.contains(i)).collect();
+    let wrong = unlike(&linear, &by_layer);
     assert!(wrong.is_empty(), "depth decided in pixels {wrong:?}");
+}
+
+/// Adds a square as a node of its own.
+fn add_square(parts: &mut Parts, positions: [[f32; 3]; 4], base_color: [f32; 4], double_sided: bool, turn: DQuat) {
+    let primitive = Primitive {
+        positions: positions.to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        material: Material { base_color, unlit: true, double_sided, ..Material::default() },
+        ..Primitive::default()
+    };
+    let pieces = PieceSource::plain(split(&primitive), 0);
+    let shape = parts.add_shape("square", Extras::default(), pieces).unwrap();
+    let local = DAffine3::from_quat(turn);
+    parts.nodes.push(NodeSource { local, shape: Some(shape), ..NodeSource::default() });
 }
 
 /// The same of two squares of different colours, from far and near: one side of theirs, with other vertices.
@@ -374,18 +352,8 @@ fn squares_that_touch_are_ordered_by_their_place_in_the_file_from_anywhere() {
             [[-30.0, 1.3, -20.0, 20.0], [1.3, 40.0, -33.0, 27.1], [1.3, 9.0, 27.1, 41.7]].into_iter().enumerate()
         {
             let shade = k as f32 / 2.0;
-            let material = Material { base_color: [shade, 1.0 - shade, 0.5, 1.0], unlit: true, ..Material::default() };
             let positions = [[x0, 0.0, z1], [x1, 0.0, z1], [x1, 0.0, z0], [x0, 0.0, z0]];
-            let primitive = Primitive {
-                positions: positions.to_vec(),
-                triangles: vec![[0, 1, 2], [0, 2, 3]],
-                material,
-                ..Primitive::default()
-            };
-            let pieces = PieceSource::plain(split(&primitive), 0);
-            let shape = parts.add_shape("square", Extras::default(), pieces).unwrap();
-            let local = DAffine3::from_quat(turn);
-            parts.nodes.push(NodeSource { local, shape: Some(shape), ..NodeSource::default() });
+            add_square(&mut parts, positions, [shade, 1.0 - shade, 0.5, 1.0], false, turn);
         }
         let scene = Scene::assemble(parts).unwrap();
         assert!(!scene.table.planes.is_empty());
@@ -403,6 +371,61 @@ fn squares_that_touch_are_ordered_by_their_place_in_the_file_from_anywhere() {
     }
     println!("squares that touch: {differences} pixels would be others by depth");
     assert!(differences > 5, "{differences}");
+}
+
+/// Walls that stand on, or go through, a ground whose faces share a plane with markings: along the line of contact a
+/// fraction of 1/256 pixel decides which of the two is in front, and the lower the eye, the farther along the ground.
+#[test]
+fn what_stands_on_a_shared_plane_agrees_in_every_pixel() {
+    let mut random = Random(37);
+    let (mut by_corners, mut worst) = (0, 0.0f64);
+    for round in 0..120 {
+        let mut parts = Parts::default();
+        let turn = DQuat::from_axis_angle(random.vector(1.0).normalize(), random.between(-0.3, 0.3));
+        for [half, shade] in [[43.7f32, 0.2], [11.3, 0.7]] {
+            let positions = [[-half, 0.0, half], [half, 0.0, half], [half, 0.0, -half], [-half, 0.0, -half]];
+            add_square(&mut parts, positions, [shade, 1.0 - shade, 0.5, 1.0], false, turn);
+        }
+        for k in 0..12 {
+            let [[x, z], [dx, dz]] = [20.0, 6.0].map(|size| [0; 2].map(|_| random.between(-size, size) as f32));
+            let bottom = if k % 3 == 0 { -random.unit() as f32 } else { 0.0 };
+            let top = random.between(0.5, 4.0) as f32;
+            let positions = [[x, bottom, z], [x + dx, bottom, z + dz], [x + dx, top, z + dz], [x, top, z]];
+            add_square(&mut parts, positions, [0.9, k as f32 / 12.0, 0.1, 1.0], true, turn);
+        }
+        let scene = Scene::assemble(parts).unwrap();
+        assert!(!scene.table.planes.is_empty());
+        // From well above to nearly in the plane, where faces are slivers a hundredth of a pixel wide. There none is
+        // cut, for a cut sliver's outline may cross itself, and nothing is faded: where a rounded corner lies beyond
+        // the plane's horizon, the pipeline fades by the corners' distances.
+        let height = [0.3, 0.03, 1e-3, 1e-6][round % 4] * random.between(0.1, 1.0);
+        let is_edge_on = round % 4 == 3;
+        let distance = [if is_edge_on { 100.0 } else { 30.0 }, 300.0, 3000.0][round % 3];
+        let direction = turn * DVec3::new(random.between(-1.0, 1.0), height, 1.0).normalize();
+        let mut state = state(Pose::looking_at(direction * distance, DVec3::ZERO, DVec3::Y).unwrap());
+        state.environment.background = Background::Constant([0.2, 0.3, 0.4]);
+        state.environment.visibility_m = (round % 7 == 0 && !is_edge_on).then_some(distance * 1.01);
+        let samples = ALL_SAMPLES[round % 5];
+        let view = view(96, 54, Tangents::symmetric(4000.0 / distance.max(60.0), 96, 54), samples);
+        let mut content = Content::of(&scene);
+        let is_coloured = round / 4 % 2 == 1;
+        if is_coloured {
+            // Colours at the vertices show how far along a face a place is.
+            for mesh in content.meshes.values_mut() {
+                let mesh = Arc::make_mut(mesh);
+                mesh.colors = mesh.positions.iter().map(|_| [0; 4].map(|_| random.unit() as f32)).collect();
+            }
+        }
+        let (linear, _) = content.draw(&state, &view);
+        let truth = content.reference(&state, &view);
+        let wrong = unlike(&linear, &truth);
+        worst = worst.max(compare(Shown::Linear(&linear), &truth).all.max_255);
+        assert!(wrong.is_empty(), "round {round}: pixels {wrong:?}");
+        let own = reference::sample(&content.world().without_planes(), &state, &view, &like_pipeline(samples));
+        by_corners += if is_edge_on || is_coloured { 0 } else { unlike(&linear, &own).len() };
+    }
+    println!("what stands on a plane: worst {worst:.4}/255; {by_corners} pixels would be others by rounded corners");
+    assert!(by_corners > 100, "{by_corners}");
 }
 
 #[test]
