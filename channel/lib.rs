@@ -28,6 +28,7 @@ pub mod pipeline;
 mod prefetch;
 pub mod raster;
 pub mod resolve;
+mod room;
 pub mod samples;
 pub mod shade;
 pub mod simd;

@@ -2,7 +2,8 @@
 //!
 //! Geometry runs in parallel over runs of the list, raster to resolve over tiles, on a pool of threads of its own. Which thread does
 //! what, and when, has no influence on a pixel: runs are joined in the order of the list, and a tile is made by one thread from
-//! data that no one changes. All buffers stay with the [`Renderer`] from frame to frame.
+//! data that no one changes. All buffers stay with the [`Renderer`] from frame to frame: once they are as large as its pictures need, a
+//! frame allocates nothing.
 //!
 //! If the pool has as many threads as the process may use CPUs, each is pinned to one: measured, unpinned threads that sleep
 //! between frames are woken on the waker's CPU and do half of the frame one after the other. A smaller pool isn't pinned,
@@ -19,21 +20,21 @@ use crate::raster::coverage::{BLOCKS, SampleTables};
 use crate::raster::opaque::{RasterCounts, draw_opaque};
 use crate::raster::visible::{TILE_TRIANGLES_MAX, Visible};
 use crate::resolve::tile::{ResolveCounts, ResolveScratch, Resolved, TileOutput, resolve};
+use crate::room::{emptied, room, share_room};
 use crate::samples::Pattern;
 use crate::shade::tile::TileFaces;
 use crate::simd::SimdLevel;
 use crate::store::SceneStore;
 use crate::translucency::gather::{TileLayers, gather};
 use fearless_simd::{Simd, dispatch};
+use pool::Pool;
 use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
 use proto::ids::SubobjectId;
 use proto::limits::TRIANGLES_PER_SUBOBJECT_MAX;
 use proto::share::Part;
 use proto::view::{Pose, View};
-use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use thiserror::Error;
 
@@ -201,8 +202,19 @@ struct TileScratch {
     exact: ExactScratch,
 }
 
+room!(TileScratch: numbers, visible, layers, faces, resolve, exact; tables);
+
+/// One run of the list on its way through geometry.
+#[derive(Debug)]
+struct RunJob<'a> {
+    range: Range<usize>,
+    run: &'a mut GeometryRun,
+    bins: &'a mut RunBins,
+}
+
 /// One tile on its way through the stages.
-struct Job<'a> {
+#[derive(Debug)]
+struct TileJob<'a> {
     slot: usize,
     rect: PixelRect,
     out: TileOutput<'a>,
@@ -212,14 +224,22 @@ struct Job<'a> {
 /// The pixel pipeline with its threads and buffers.
 #[derive(Debug)]
 pub struct Renderer {
-    pool: rayon::ThreadPool,
+    pool: Pool,
     runs: Vec<GeometryRun>,
     bins: Vec<RunBins>,
     map: TileMap,
     level: SimdLevel,
     skips: Skips,
-    /// One per thread; only ever locked by the thread of that number.
-    scratch: Vec<Mutex<TileScratch>>,
+    /// One per thread.
+    scratch: Vec<TileScratch>,
+    /// Which items a run has.
+    ranges: Vec<Range<usize>>,
+    lights: Vec<Light>,
+    surroundings: Vec<(f64, usize)>,
+    // What borrows from a frame is here between frames, always empty: only its room is used again.
+    items: Vec<Item<'static>>,
+    run_jobs: Vec<RunJob<'static>>,
+    tile_jobs: Vec<TileJob<'static>>,
 }
 
 /// The pool's threads could not be started.
@@ -227,7 +247,7 @@ pub struct Renderer {
 #[error("the renderer's {threads} threads could not be started")]
 pub struct RendererError {
     threads: usize,
-    source: rayon::ThreadPoolBuildError,
+    source: std::io::Error,
 }
 
 /// Runs per thread that the list is cut into: enough that an uneven one doesn't keep the others waiting. A guess.
@@ -248,22 +268,18 @@ impl Renderer {
     /// # Errors
     /// When the system refuses a thread.
     pub fn new(threads: NonZeroUsize) -> Result<Self, RendererError> {
-        let threads = threads.get();
+        let count = threads.get();
         let cpus = allowed_cpus();
-        let pins = (cpus.len() == threads).then_some(cpus);
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .thread_name(|i| format!("pixels-{i}"))
-            .start_handler(move |i| {
-                if let Some(cpu) = pins.as_ref().and_then(|cpus| cpus.get(i)) {
-                    let mut set = rustix::thread::CpuSet::new();
-                    set.set(*cpu);
-                    // Refused in some containers; the frame is then slower, not wrong.
-                    let _ = rustix::thread::sched_setaffinity(None, &set);
-                }
-            })
-            .build()
-            .map_err(|source| RendererError { threads, source })?;
+        let pins = (cpus.len() == count).then_some(cpus);
+        let pin = move |thread: usize| {
+            if let Some(cpu) = pins.as_ref().and_then(|cpus| cpus.get(thread)) {
+                let mut set = rustix::thread::CpuSet::new();
+                set.set(*cpu);
+                // Refused in some containers; the frame is then slower, not wrong.
+                let _ = rustix::thread::sched_setaffinity(None, &set);
+            }
+        };
+        let pool = Pool::new(threads, "pixels", pin).map_err(|source| RendererError { threads: count, source })?;
         Ok(Self {
             pool,
             runs: Vec::new(),
@@ -271,7 +287,13 @@ impl Renderer {
             map: TileMap::default(),
             level: SimdLevel::best(),
             skips: Skips::default(),
-            scratch: (0..threads).map(|_| Mutex::default()).collect(),
+            scratch: (0..count).map(|_| TileScratch::default()).collect(),
+            ranges: Vec::new(),
+            lights: Vec::new(),
+            surroundings: Vec::new(),
+            items: Vec::new(),
+            run_jobs: Vec::new(),
+            tile_jobs: Vec::new(),
         })
     }
 
@@ -311,36 +333,53 @@ impl Renderer {
         }
         let state = checked(state)?;
         let camera = Camera::new(&state, view);
+        let mut items = std::mem::take(&mut self.items);
+        let found = items_of(scene, &camera, list, &mut items);
+        let drawn = found.and_then(|()| self.draw_items(begun, scene, &state, view, &camera, &mut items, part, out));
+        self.items = emptied(items);
+        let mut stats = drawn?;
+        stats.total_ns = nanoseconds(begun);
+        Ok(stats)
+    }
+
+    /// [`Renderer::draw`] of what the list names.
+    fn draw_items(
+        &mut self,
+        begun: Instant,
+        scene: &SceneStore,
+        state: &FrameState,
+        view: &View,
+        camera: &Camera,
+        items: &mut Vec<Item<'_>>,
+        part: &Part,
+        out: &mut TilePictures,
+    ) -> Result<DrawStats, DrawError> {
         let pattern = Pattern::of(view.samples);
-        let visibility_m = state.environment.visibility_m.unwrap_or(f64::INFINITY);
-        let mut items = items_of(scene, &camera, list)?;
-        sort_surroundings(&camera, &mut items);
+        sort_surroundings(camera, items, &mut self.surroundings);
 
         let mut stats = DrawStats::default();
         out.begin(part, view.width, view.height);
         self.map.set(view.width, view.height, &out.tiles);
-        let runs = self.geometry(&camera, pattern, visibility_m, &items, &mut stats)?;
+        let visibility_m = state.environment.visibility_m.unwrap_or(f64::INFINITY);
+        let runs = self.geometry(camera, pattern, visibility_m, items, &mut stats)?;
         stats.geometry_ns = nanoseconds(begun);
 
-        let lights: Vec<Light> = if state.environment.scene_lights {
-            scene.lights().iter().map(|row| Light::new(row, &camera)).collect()
-        } else {
-            Vec::new()
-        };
-        let frame = Frame::new(&camera, pattern, &state.environment, &lights, &items, &self.runs[..runs]);
-        let mut jobs = jobs(out, view);
-        let (bins, scratch, level, skips) = (&self.bins[..runs], &self.scratch, self.level.level(), self.skips);
-        self.pool.install(|| {
-            jobs.par_iter_mut().with_max_len(1).for_each(|job| {
-                let thread = rayon::current_thread_index().expect("inside the pool");
-                let mut scratch = scratch[thread].lock().unwrap_or_else(PoisonError::into_inner);
-                dispatch!(level, simd => draw_tile(simd, &frame, bins, skips, &mut scratch, job));
-            });
+        self.lights.clear();
+        if state.environment.scene_lights {
+            self.lights.extend(scene.lights().iter().map(|row| Light::new(row, camera)));
+        }
+        let frame = Frame::new(camera, pattern, &state.environment, &self.lights, items, &self.runs[..runs]);
+        let mut jobs = std::mem::take(&mut self.tile_jobs);
+        tile_jobs(out, view, &mut jobs);
+        let (bins, level, skips) = (&self.bins[..runs], self.level.level(), self.skips);
+        self.pool.for_each(&mut self.scratch, &mut jobs, |scratch, job| {
+            dispatch!(level, simd => draw_tile(simd, &frame, bins, skips, scratch, job));
         });
         for job in &jobs {
             stats.add_tile(&job.stats);
         }
-        stats.total_ns = nanoseconds(begun);
+        self.tile_jobs = emptied(jobs);
+        share_room(&mut self.scratch);
         Ok(stats)
     }
 
@@ -358,36 +397,41 @@ impl Renderer {
             return Err(DrawError::TooManyFaces { faces });
         }
         let run_faces = (faces / (self.scratch.len() * RUNS_PER_THREAD)).clamp(RUN_FACES_MIN, RUN_FACES_MAX);
-        let mut ranges: Vec<Range<usize>> = Vec::new();
+        self.ranges.clear();
         let (mut first, mut in_run) = (0, 0);
         for (i, item) in items.iter().enumerate() {
             in_run += item.stored.mesh.triangles.len();
             if in_run >= run_faces || i + 1 == items.len() {
-                ranges.push(first..i + 1);
+                self.ranges.push(first..i + 1);
                 (first, in_run) = (i + 1, 0);
             }
         }
-        if self.runs.len() < ranges.len() {
-            self.runs.resize_with(ranges.len(), GeometryRun::default);
-            self.bins.resize_with(ranges.len(), RunBins::default);
+        let count = self.ranges.len();
+        if self.runs.len() < count {
+            self.runs.resize_with(count, GeometryRun::default);
+            self.bins.resize_with(count, RunBins::default);
         }
-        let (runs, bins) = (&mut self.runs[..ranges.len()], &mut self.bins[..ranges.len()]);
+        let mut jobs = std::mem::take(&mut self.run_jobs);
+        let buffers = self.runs.iter_mut().zip(&mut self.bins);
+        jobs.extend(self.ranges.iter().zip(buffers).map(|(range, (run, bins))| RunJob {
+            range: range.clone(),
+            run,
+            bins,
+        }));
         let (map, level) = (&self.map, self.level.level());
-        self.pool.install(|| {
-            let work = runs.par_iter_mut().zip(bins).zip(&ranges).with_max_len(1);
-            work.for_each(|((run, bins), range)| {
-                let own = &items[range.clone()];
-                dispatch!(level, simd => {
-                    run.fill(simd, camera, pattern, visibility_m, own, range.start);
-                    bins.fill(pattern, map, &run.triangles, |t| items[t.item as usize].is_fragments());
-                });
+        self.pool.for_each(&mut self.scratch, &mut jobs, |_, RunJob { range, run, bins }| {
+            let own = &items[range.clone()];
+            dispatch!(level, simd => {
+                run.fill(simd, camera, pattern, visibility_m, own, range.start);
+                bins.fill(pattern, map, &run.triangles, |t| items[t.item as usize].is_fragments());
             });
         });
-        for run in &self.runs[..ranges.len()] {
+        self.run_jobs = emptied(jobs);
+        for run in &self.runs[..count] {
             stats.geometry.add(&run.counts);
             stats.triangles_drawn += run.triangles.len() as u64;
         }
-        Ok(ranges.len())
+        Ok(count)
     }
 }
 
@@ -404,19 +448,24 @@ fn checked(state: &FrameState) -> Result<FrameState, DrawError> {
     if are_finite { Ok(FrameState { eye, ..*state }) } else { Err(DrawError::State) }
 }
 
-/// The list's subobjects, ready to be drawn.
+/// The list's subobjects, ready to be drawn; replaces the content of `items`.
 pub(crate) fn items_of<'a>(
     scene: &'a SceneStore,
     camera: &Camera,
     list: &[SubobjectId],
-) -> Result<Vec<Item<'a>>, DrawError> {
-    list.iter().filter_map(|subobject| item(scene, camera, *subobject).transpose()).collect()
+    items: &mut Vec<Item<'a>>,
+) -> Result<(), DrawError> {
+    items.clear();
+    for subobject in list {
+        items.extend(item(scene, camera, *subobject)?);
+    }
+    Ok(())
 }
 
 /// Puts the subobjects whose balls hold the eye, which a list begins with, in the order of the nearest points of their boxes. The
 /// list's own key says nothing about those (the eye's power is negative, whatever is in front), and large things near the eye are
-/// just what hides the rest. The picture doesn't depend on the order.
-fn sort_surroundings(camera: &Camera, items: &mut [Item<'_>]) {
+/// just what hides the rest. The picture doesn't depend on the order. `keyed` is a buffer.
+fn sort_surroundings(camera: &Camera, items: &mut Vec<Item<'_>>, keyed: &mut Vec<(f64, usize)>) {
     let holds_eye = |item: &Item<'_>| {
         let ball = item.stored.mesh.sphere;
         let m = &item.linear;
@@ -424,11 +473,16 @@ fn sort_surroundings(camera: &Camera, items: &mut [Item<'_>]) {
         (m * ball.centre + item.relative).length_squared() < ball.radius * ball.radius * stretch
     };
     let count = items.iter().take_while(|item| holds_eye(item)).count();
-    let mut keyed: Vec<(f64, Item<'_>)> = items[..count].iter().map(|item| (nearest(camera, item), *item)).collect();
-    keyed.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (to, (_, item)) in items.iter_mut().zip(keyed) {
-        *to = item;
+    keyed.clear();
+    keyed.extend(items[..count].iter().enumerate().map(|(k, item)| (nearest(camera, item), k)));
+    keyed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    // A copy behind the others, to pick from.
+    let copy = items.len();
+    items.extend_from_within(..count);
+    for (to, (_, from)) in keyed.iter().enumerate() {
+        items[to] = items[copy + from];
     }
+    items.truncate(copy);
 }
 
 /// Least distance along the line of sight of a subobject's box, m.
@@ -459,11 +513,10 @@ fn item<'a>(scene: &'a SceneStore, camera: &Camera, subobject: SubobjectId) -> R
     Ok(Some(item))
 }
 
-/// The tiles of `out` with their pixels.
-fn jobs<'a>(out: &'a mut TilePictures, view: &View) -> Vec<Job<'a>> {
+/// The tiles of `out` with their pixels, put into the empty `jobs`.
+fn tile_jobs<'a>(out: &'a mut TilePictures, view: &View, jobs: &mut Vec<TileJob<'a>>) {
     let mut rgb = out.rgb.as_mut_slice();
     let mut linear = out.linear.as_deref_mut();
-    let mut jobs = Vec::with_capacity(out.tiles.len());
     for (slot, tile) in out.tiles.iter().enumerate() {
         let rect = tile.rect(view.width, view.height);
         let channels = rect.area() * 3;
@@ -474,9 +527,8 @@ fn jobs<'a>(out: &'a mut TilePictures, view: &View) -> Vec<Job<'a>> {
             linear = Some(rest);
             floats
         });
-        jobs.push(Job { slot, rect, out: TileOutput { rgb: bytes, linear: floats }, stats: DrawStats::default() });
+        jobs.push(TileJob { slot, rect, out: TileOutput { rgb: bytes, linear: floats }, stats: DrawStats::default() });
     }
-    jobs
 }
 
 /// One tile from bins to bytes.
@@ -487,7 +539,7 @@ fn draw_tile<S: Simd>(
     bins: &[RunBins],
     skips: Skips,
     scratch: &mut TileScratch,
-    job: &mut Job<'_>,
+    job: &mut TileJob<'_>,
 ) {
     let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch, exact } = scratch;
     let stats = &mut job.stats;

@@ -9,6 +9,7 @@ use super::ExactFace;
 use super::polygon::{Polygon, Sides};
 use super::prepare::{Faces, Prepared, members};
 use super::regions::{NOTHING, Sum};
+use crate::room::room;
 use crate::translucency::models::Mix;
 
 /// Most cells that a pixel is cut into. A guess: a millisecond or two, and 1.3 MB of buffers.
@@ -45,6 +46,8 @@ pub(super) struct Cells {
     /// Whether anything was added to this pixel.
     pub(super) is_used: bool,
 }
+
+room!(Cells: todo, stack, mix; sides, budget, is_used);
 
 impl Cells {
     /// Begins a pixel.

@@ -36,6 +36,7 @@ pub mod stage;
 mod tests;
 mod versions;
 
+use crate::room::room;
 use crate::translucency::models::Member;
 
 pub use cells::CELLS_MAX;
@@ -117,6 +118,8 @@ pub struct Integrator {
     points: points::Points,
     counts: Counts,
 }
+
+room!(Integrator: faces, versions, sheets, regions, cells, points; mosaic, counts);
 
 impl Integrator {
     /// How the pixels since the beginning were computed.

@@ -3,6 +3,7 @@
 use super::ExactFace;
 use super::cells::compose;
 use super::prepare::Faces;
+use crate::room::room;
 use crate::translucency::models::Mix;
 
 /// Points of a pixel that is sampled, a Fibonacci number: with the one before it as the step, the points of such a lattice are
@@ -16,6 +17,8 @@ pub(super) struct Points {
     stack: Vec<(f64, usize)>,
     mix: Mix,
 }
+
+room!(Points: stack, mix;);
 
 impl Points {
     pub(super) fn colour(&mut self, faces: &[ExactFace<'_>], order: &Faces, background: [f64; 3]) -> [f64; 3] {

@@ -3,6 +3,7 @@
 use super::ExactFace;
 use super::polygon::{Bounds, Line, larger, lesser};
 use super::versions::Versions;
+use crate::room::room;
 use std::cmp::Ordering;
 
 /// Bound on the rounding of a comparison of two inverse distances, relative to the sum of the magnitudes of their terms: a few
@@ -142,6 +143,8 @@ pub(super) struct Faces {
     /// By the order: the least inverse distance of a face, and the largest of those that follow it.
     bounds: Vec<[f64; 2]>,
 }
+
+room!(Faces: prepared, places, bounds; count, has_parts);
 
 impl Faces {
     /// Of all faces.

@@ -15,6 +15,7 @@ use super::cells::{Cells, TooMany};
 use super::polygon::{Bounds, Polygon, SQUARE, Sides};
 use super::prepare::Faces;
 use super::sheet::Sheets;
+use crate::room::room;
 
 /// Most regions of a pixel. A guess: a mesh with a hole and 140 faces in the pixel gets by with it, in 0.3 ms.
 pub const REGIONS_MAX: usize = 512;
@@ -43,6 +44,8 @@ pub(super) struct Regions {
     count: usize,
     scratch: Scratch,
 }
+
+room!(Regions: regions; count, scratch);
 
 /// Room for cutting.
 #[derive(Debug)]

@@ -11,6 +11,7 @@
 use super::ExactFace;
 use super::polygon::{larger, lesser};
 use super::prepare::{Edge, Faces, is_downward};
+use crate::room::room;
 
 /// A sum of areas this near to 1 is 1. Others are whole numbers, but for rounding, which is below 1e-8 for corners at 1e7 pixels.
 const WHOLE: f64 = 1e-6;
@@ -74,6 +75,8 @@ pub(super) struct Sheets {
     /// The faces of the sheet that was found last, in an order that the faces decide.
     found: Vec<u32>,
 }
+
+room!(Sheets: members, halves, found; heads);
 
 impl Default for Sheets {
     fn default() -> Self {

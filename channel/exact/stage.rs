@@ -31,6 +31,7 @@ use crate::raster::depth::{BlockDepth, order_over};
 use crate::raster::opaque::{block_corner, nearest_in_block, pixel_corner, pixels_of_view};
 use crate::resolve::background::Behind;
 use crate::resolve::tile::{Resolved, TileOutput};
+use crate::room::{emptied, room};
 use crate::samples::SUBPIXELS;
 use crate::shade::tile::TileFaces;
 use crate::simd::each4;
@@ -77,6 +78,8 @@ pub struct ExactScratch {
     /// Always empty; only its room is used again.
     faces: Vec<ExactFace<'static>>,
 }
+
+room!(ExactScratch: blocks, pixels, known, fine, bounds, integrator, faces; covers, far);
 
 impl Default for ExactScratch {
     fn default() -> Self {
@@ -226,9 +229,7 @@ impl ExactScratch {
                 }
             }
         }
-        exact.clear();
-        // Nothing is in it: this only tells the compiler that nothing borrowed is.
-        self.faces = exact.into_iter().map(|_| unreachable!("cleared")).collect();
+        self.faces = emptied(exact);
         pixels
     }
 
@@ -340,6 +341,8 @@ struct PixelCandidates {
     starts: [u32; BLOCK_PIXELS + 1],
     indices: Vec<u32>,
 }
+
+room!(PixelCandidates: indices; starts);
 
 impl Default for PixelCandidates {
     fn default() -> Self {

@@ -7,6 +7,7 @@
 
 use super::ExactFace;
 use super::prepare::Faces;
+use crate::room::room;
 
 /// With more choices of versions than this a pixel is cut into cells, once. The cells of two meshes laid over each other take
 /// as long as some twenty pixels of one (7.1 µs against 0.3 µs for fans of four, AMD EPYC).
@@ -38,6 +39,8 @@ pub(super) struct Versions {
     versions: Vec<Version>,
     groups: Vec<Group>,
 }
+
+room!(Versions: versions, groups;);
 
 impl Versions {
     /// Finds the versions of the faces that reach the pixel. Returns false if it is no case for this.

@@ -218,7 +218,8 @@ mod tests {
             let orientation = DQuat::from_rotation_arc(DVec3::NEG_Z, vector().normalize());
             state.eye = Pose { position: transform.translation - vector() * reach, orientation };
             let camera = Camera::new(&state, &view(640, 480, Samples::One));
-            let items = items_of(&store, &camera, &everything(&store)).unwrap();
+            let mut items = Vec::new();
+            items_of(&store, &camera, &everything(&store), &mut items).unwrap();
             let mut first: Option<Vertices> = None;
             for level in every_level() {
                 let mut vertices = Vertices::default();

@@ -12,6 +12,7 @@
 //! Faces are named by their place in the tile's list of triangles; see [`super::opaque`].
 
 use super::coverage::{BLOCK_PIXELS, BLOCKS, TILE_PIXELS};
+use crate::room::room;
 use crate::simd::each4;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 
@@ -98,6 +99,8 @@ pub struct Visible {
     /// How often the tile was asked.
     questions: u32,
 }
+
+room!(Visible: entries; cells, lows, highs, free, full, far, tile_far, changed, fresh, is_old, questions);
 
 impl Visible {
     /// An empty tile.

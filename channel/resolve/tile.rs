@@ -8,6 +8,7 @@ use crate::frame::Frame;
 use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
 use crate::raster::visible::{CENTRE, NOTHING, Seen, Visible};
+use crate::room::room;
 use crate::samples::SUBPIXELS;
 use crate::shade::tile::{Batch, Look, NO_CODE, TileFaces};
 use crate::simd::{each3, each4};
@@ -43,6 +44,8 @@ pub struct ResolveScratch {
     batch: Batch,
     block: BlockColours,
 }
+
+room!(ResolveScratch: seen, blender; light, batch, block);
 
 /// A block's finished pixels.
 #[derive(Debug)]

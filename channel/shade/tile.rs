@@ -15,6 +15,7 @@ use super::nearest::nearest;
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, WHOLE_FACE, extent};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
+use crate::room::room;
 use crate::samples::SUBPIXELS;
 use crate::simd::{each3, each4};
 use fearless_simd::{Simd, f32x4, f32x16, prelude::*};
@@ -91,6 +92,8 @@ pub struct TileFaces {
     normals: Vec<ByNormal>,
     general: FaceCache,
 }
+
+room!(TileFaces: known, codes, constants, normals; general);
 
 /// Below the kind in [`TileFaces::known`].
 const INDEX_BITS: u32 = 30;

@@ -23,6 +23,7 @@ use crate::raster::opaque::block_corner;
 use crate::raster::visible::Seen;
 use crate::resolve::background::Behind;
 use crate::resolve::tile::Resolved;
+use crate::room::room;
 use crate::samples::SUBPIXELS;
 use crate::shade::tile::{Look, TileFaces};
 use crate::simd::{each3, each4};
@@ -88,6 +89,8 @@ pub struct Blender {
     compose: Layers,
     samples: Option<Box<[Through; 64]>>,
 }
+
+room!(Blender: run_starts, colours, alphas, parts, met, ordered, classes, behind, compose, samples;);
 
 impl Blender {
     /// Computes the light of a block; its layers have been sorted.

@@ -11,6 +11,7 @@ use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Triangle};
 use crate::raster::depth::in_front;
 use crate::resolve::tile::Resolved;
+use crate::room::room;
 use crate::shade::tile::TileFaces;
 
 /// Up to this many fragments are compared pair by pair when comparing neighbours wasn't enough. A guess: the pairs then
@@ -39,6 +40,8 @@ pub struct Layers {
     /// Masks of samples that see the same layers.
     kinds: Vec<u64>,
 }
+
+room!(Layers: layers, of_sample, mix, kinds;);
 
 /// Light gathered so far on the way outward, and what still comes through.
 #[derive(Clone, Copy, Debug)]

@@ -15,6 +15,7 @@ use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover, Til
 use crate::raster::depth::{BlockDepth, in_front};
 use crate::raster::opaque::{RasterCounts, block_corner, is_hidden, nearest_in_block, pixel_corner, pixels_of_view};
 use crate::raster::visible::Visible;
+use crate::room::room;
 use crate::shade::FaceCache;
 use fearless_simd::Simd;
 use proto::frame::PixelRect;
@@ -62,6 +63,8 @@ pub struct TileLayers {
     masks: Vec<u64>,
     count: usize,
 }
+
+room!(TileLayers: blocks, masks; count);
 
 impl TileLayers {
     /// Forgets all.

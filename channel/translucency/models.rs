@@ -16,6 +16,7 @@
 //! of a list.
 
 use super::compose::Through;
+use crate::room::room;
 use proto::limits::VERSIONS_MAX;
 
 /// What a subobject's fragments belong to.
@@ -51,6 +52,8 @@ pub struct Mix {
     ordinary: f64,
     open: Vec<Open>,
 }
+
+room!(Mix: open; rgb, ordinary);
 
 impl Mix {
     /// Begins at the eye.

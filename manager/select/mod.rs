@@ -74,7 +74,7 @@ pub struct Counters {
 #[derive(Clone, Debug, Default)]
 pub struct Selector {
     keyed: Vec<Keyed>,
-    spare: Vec<Keyed>,
+    sorting: sort::Scratch,
     shown: Vec<u16>,
 }
 
@@ -139,7 +139,7 @@ impl Selector {
         counters.subobjects_culled = scene.table.subobjects.len() as u64 - counters.subobjects_visible;
         out.counters = counters;
 
-        sort::sort(&mut self.keyed, &mut self.spare);
+        sort::sort(&mut self.keyed, &mut self.sorting);
         out.subobjects.clear();
         out.subobjects.extend(self.keyed.iter().map(|entry| entry.id));
     }

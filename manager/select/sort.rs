@@ -31,14 +31,24 @@ pub(super) fn ordered(key: f64) -> u64 {
     if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
-/// Sorts by key, then id. `spare` is working memory whose content doesn't matter.
-pub(super) fn sort(list: &mut Vec<Keyed>, spare: &mut Vec<Keyed>) {
+/// Working memory, kept from one sort to the next.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    /// The other half of the passes.
+    spare: Vec<Keyed>,
+    /// By pass.
+    counts: Vec<[u32; BUCKETS]>,
+}
+
+/// Sorts by key, then id.
+pub(super) fn sort(list: &mut Vec<Keyed>, Scratch { spare, counts }: &mut Scratch) {
     if list.len() < RADIX_FROM {
         list.sort_unstable();
         return;
     }
     let digit = |entry: &Keyed, pass: usize| (entry.key >> (SHIFT + DIGIT_BITS * pass as u32)) as usize % BUCKETS;
-    let mut counts = vec![[0u32; BUCKETS]; PASSES];
+    counts.clear();
+    counts.resize(PASSES, [0; BUCKETS]);
     for entry in list.iter() {
         for (pass, counts) in counts.iter_mut().enumerate() {
             counts[digit(entry, pass)] += 1;
@@ -92,7 +102,7 @@ mod tests {
                 .collect();
             let mut expected = list.clone();
             expected.sort_unstable();
-            sort(&mut list, &mut Vec::new());
+            sort(&mut list, &mut Scratch::default());
             prop_assert_eq!(list, expected);
         }
     }
