@@ -19,6 +19,12 @@ pub(crate) fn each3<T, U>([a, b, c]: [T; 3], mut f: impl FnMut(T) -> U) -> [U; 3
 
 /// See [`each3`].
 #[inline(always)]
+pub(crate) fn each2<T, U>([a, b]: [T; 2], mut f: impl FnMut(T) -> U) -> [U; 2] {
+    [f(a), f(b)]
+}
+
+/// See [`each3`].
+#[inline(always)]
 pub(crate) fn each4<T, U>([a, b, c, d]: [T; 4], mut f: impl FnMut(T) -> U) -> [U; 4] {
     [f(a), f(b), f(c), f(d)]
 }

@@ -14,6 +14,7 @@
 //! everywhere.
 
 use crate::resolve::colour::decode_srgb;
+use crate::simd::{each2, each4};
 use proto::limits::TEXTURE_SIZE_MAX;
 use proto::scene::{Filter, Texture, TextureUse, Wrap};
 use thiserror::Error;
@@ -152,7 +153,7 @@ impl Level {
 
     #[inline]
     fn texel(&self, x: usize, y: usize) -> [f32; 4] {
-        self.texels[y * self.width as usize + x].map(f32::from)
+        each4(self.texels[y * self.width as usize + x], f32::from)
     }
 
     /// Four texels mixed, in 1/65 535, at a place counted from the centre of the first texel. `u` and `v` say which
@@ -166,7 +167,7 @@ impl Level {
         let (above, below) = (v(y0), v(y0 + 1));
         let (a, b) = (self.texel(left, above), self.texel(right, above));
         let (c, d) = (self.texel(left, below), self.texel(right, below));
-        std::array::from_fn(|k| {
+        each4([0, 1, 2, 3], |k| {
             let upper = a[k] + (b[k] - a[k]) * fx;
             let lower = c[k] + (d[k] - c[k]) * fx;
             upper + (lower - upper) * fy
@@ -178,23 +179,69 @@ impl Level {
         self.texel(u((x >> FRACTION_BITS) as i32), v((y >> FRACTION_BITS) as i32))
     }
 
-    /// The sum over a grid that is covered all over, linear.
+    /// The sum over a grid, linear, and of how many places; with `MASKED` those of `cells` alone.
     #[inline(always)]
-    fn sum(&self, u: &impl Fn(i32) -> usize, v: &impl Fn(i32) -> usize, grid: &Grid) -> [f32; 4] {
+    fn sum<const MASKED: bool>(
+        &self,
+        u: &impl Fn(i32) -> usize,
+        v: &impl Fn(i32) -> usize,
+        grid: &Grid,
+        cells: &[u64; 4],
+    ) -> ([f32; 4], u32) {
         let mut sum = [0.0f32; 4];
+        let mut count = 0;
+        let mut bit = 0usize;
         let [mut row_x, mut row_y] = grid.first;
         for _ in 0..grid.counts[1] {
             let (mut x, mut y) = (row_x, row_y);
             for _ in 0..grid.counts[0] {
-                let texel = self.bilinear(u, v, x, y);
-                for k in 0..4 {
-                    sum[k] += texel[k];
+                if !MASKED || cells[bit / 64] >> (bit % 64) & 1 != 0 {
+                    let texel = self.bilinear(u, v, x, y);
+                    sum = each4([0, 1, 2, 3], |k| sum[k] + texel[k]);
+                    count += 1;
                 }
+                bit += 1;
                 (x, y) = (x + grid.column_step[0], y + grid.column_step[1]);
             }
             (row_x, row_y) = (row_x + grid.row_step[0], row_y + grid.row_step[1]);
         }
-        sum
+        (sum, count)
+    }
+
+    /// The same, by the quickest way to find texels that will do.
+    #[inline(always)]
+    fn sum_linear<const MASKED: bool>(&self, axes: &[Axis; 2], grid: &Grid, cells: &[u64; 4]) -> ([f32; 4], u32) {
+        let is_masked = |a: &Axis| a.is_power_of_two && a.wrap == Wrap::Repeat;
+        if grid.is_within([self.width, self.height]) {
+            self.sum::<MASKED>(&|i| i as usize, &|i| i as usize, grid, cells)
+        } else if is_masked(&axes[0]) && is_masked(&axes[1]) {
+            let (mask_u, mask_v) = (axes[0].side - 1, axes[1].side - 1);
+            self.sum::<MASKED>(&|i| (i & mask_u) as usize, &|i| (i & mask_v) as usize, grid, cells)
+        } else {
+            self.sum::<MASKED>(&|i| axes[0].texel(i), &|i| axes[1].texel(i), grid, cells)
+        }
+    }
+
+    /// The same for a filter that doesn't mix.
+    fn sum_nearest(&self, axes: &[Axis; 2], grid: &Grid, cells: &[u64; 4]) -> ([f32; 4], u32) {
+        let mut sum = [0.0f32; 4];
+        let mut count = 0;
+        let mut bit = 0usize;
+        let [mut row_x, mut row_y] = grid.first;
+        for _ in 0..grid.counts[1] {
+            let (mut x, mut y) = (row_x, row_y);
+            for _ in 0..grid.counts[0] {
+                if cells[bit / 64] >> (bit % 64) & 1 != 0 {
+                    let texel = self.nearest(&|i| axes[0].texel(i), &|i| axes[1].texel(i), x, y);
+                    sum = each4([0, 1, 2, 3], |k| sum[k] + texel[k]);
+                    count += 1;
+                }
+                bit += 1;
+                (x, y) = (x + grid.column_step[0], y + grid.column_step[1]);
+            }
+            (row_x, row_y) = (row_x + grid.row_step[0], row_y + grid.row_step[1]);
+        }
+        (sum, count)
     }
 
     /// One place, as this filter reads it.
@@ -207,7 +254,7 @@ impl Level {
             }
             Filter::Nearest => self.nearest(&|i| axes[0].texel(i), &|i| axes[1].texel(i), fixed(x), fixed(y)),
         };
-        sum.map(|c| c * UNIT)
+        each4(sum, |c| c * UNIT)
     }
 }
 
@@ -224,13 +271,14 @@ struct Grid {
 impl Grid {
     /// Whether all places lie between texels that the level has, so that nothing wraps.
     fn is_within(&self, side: [u32; 2]) -> bool {
-        [0, 1].into_iter().all(|k| {
+        let is_within = each2([0, 1], |k| {
             let ways =
                 [self.column_step[k] * i64::from(self.counts[0] - 1), self.row_step[k] * i64::from(self.counts[1] - 1)];
             let low = self.first[k] + ways[0].min(0) + ways[1].min(0);
             let high = self.first[k] + ways[0].max(0) + ways[1].max(0);
             low >= 0 && (high >> FRACTION_BITS) + 1 < i64::from(side[k])
-        })
+        });
+        is_within[0] && is_within[1]
     }
 }
 
@@ -310,19 +358,19 @@ impl MipTexture {
         std::array::from_fn(|c| fine[c] + (coarse[c] - fine[c]) * part)
     }
 
-    /// Linear RGBA, averaged over a pixel. `covered` says of the face whether it covers a place, counted in a grid of so
-    /// many columns and rows over the pixel (column, columns, row, rows); `None`: it covers all of it.
+    /// Linear RGBA, averaged over a pixel. `covered` says which places of a grid of so many columns and rows over the pixel the face
+    /// covers (bit row · columns + column); `None`: it covers all of it.
     #[inline]
     pub fn average(
         &self,
         usage: &TextureUse,
         footprint: &Footprint,
-        covered: Option<impl Fn(u32, u32, u32, u32) -> bool>,
+        covered: Option<impl Fn([u32; 2]) -> [u64; 4]>,
     ) -> [f32; 4] {
         let (w, h) = (f64::from(self.levels[0].width), f64::from(self.levels[0].height));
         let right = [footprint.du[0] * w, footprint.dv[0] * h];
         let down = [footprint.du[1] * w, footprint.dv[1] * h];
-        let [wide, high] = [right, down].map(|d| (d[0] * d[0] + d[1] * d[1]).sqrt());
+        let [wide, high] = each2([right, down], |d| (d[0] * d[0] + d[1] * d[1]).sqrt());
         // Not f64::max: a NaN must not win or lose by the platform's rule.
         let longer = if wide > high { wide } else { high };
         if longer.is_nan() || longer < TINY * TINY {
@@ -363,7 +411,8 @@ impl MipTexture {
             // Powers of two are exact.
             let texel = (1u64 << level) as f64;
             let per_texel = if level == 0 && longer <= SMALL { PER_TEXEL_SMALL } else { 1.0 };
-            let places = |side: f64| ((side / texel * per_texel) as u32 + 1).max(fewest);
+            let per_base = per_texel / texel;
+            let places = |side: f64| ((side * per_base) as u32 + 1).max(fewest);
             let counts = [places(wide), places(high)];
             if counts[0] * counts[1] > PLACES_MAX {
                 level += 1;
@@ -371,7 +420,10 @@ impl MipTexture {
             }
             // A copy is blurred by its texels and by mixing them, more than the base level by mixing its own: the
             // parallelogram shrinks so far that the average's variance stays that of the truth.
-            let blur = if level == 0 { 0.0 } else { 3.0 * texel * texel - 2.0 };
+            if level == 0 {
+                return self.places(usage, Filter::Linear, footprint, 0, [1.0; 2], counts, covered);
+            }
+            let blur = 3.0 * texel * texel - 2.0;
             let shrink = |side: f64| {
                 let rest = 1.0 - blur / (side * side);
                 if rest > 0.0 { rest.sqrt() } else { 0.0 }
@@ -389,7 +441,7 @@ impl MipTexture {
         level: usize,
         shrink: [f64; 2],
         [columns, rows]: [u32; 2],
-        covered: Option<impl Fn(u32, u32, u32, u32) -> bool>,
+        covered: Option<impl Fn([u32; 2]) -> [u64; 4]>,
     ) -> [f32; 4] {
         let level = &self.levels[level];
         let axes = level.axes(usage);
@@ -402,52 +454,24 @@ impl MipTexture {
         ];
         let slopes = [footprint.du, footprint.dv];
         let side = [f64::from(level.width), f64::from(level.height)];
-        let first = [0, 1].map(|k| {
+        let first = each2([0, 1], |k| {
             let way = (slopes[k][0] * to_first[0] + slopes[k][1] * to_first[1]) * side[k];
             fixed(axes[k].along(footprint.at[k]) - shift + way)
         });
-        let column_step = [0, 1].map(|k| fixed(slopes[k][0] * per_column * side[k]));
-        let row_step = [0, 1].map(|k| fixed(slopes[k][1] * per_row * side[k]));
-        if filter == Filter::Linear && covered.is_none() {
-            let grid = Grid { first, column_step, row_step, counts: [columns, rows] };
-            let is_masked = axes.iter().all(|a| a.is_power_of_two && a.wrap == Wrap::Repeat);
-            let [mask_u, mask_v] = axes.map(|a| a.side - 1);
-            let sum = if grid.is_within([level.width, level.height]) {
-                level.sum(&|i| i as usize, &|i| i as usize, &grid)
-            } else if is_masked {
-                level.sum(&|i| (i & mask_u) as usize, &|i| (i & mask_v) as usize, &grid)
-            } else {
-                level.sum(&|i| axes[0].texel(i), &|i| axes[1].texel(i), &grid)
-            };
-            let scale = UNIT / (columns * rows) as f32;
-            return sum.map(|c| c * scale);
-        }
-        let (u, v) = (|i| axes[0].texel(i), |i| axes[1].texel(i));
-        let mut sum = [0.0f32; 4];
-        let mut count = 0u32;
-        let [mut row_x, mut row_y] = first;
-        for row in 0..rows {
-            let (mut x, mut y) = (row_x, row_y);
-            for column in 0..columns {
-                if covered.as_ref().is_none_or(|covered| covered(column, columns, row, rows)) {
-                    let texel = match filter {
-                        Filter::Linear => level.bilinear(&u, &v, x, y),
-                        Filter::Nearest => level.nearest(&u, &v, x, y),
-                    };
-                    for k in 0..4 {
-                        sum[k] += texel[k];
-                    }
-                    count += 1;
-                }
-                (x, y) = (x + column_step[0], y + column_step[1]);
-            }
-            (row_x, row_y) = (row_x + row_step[0], row_y + row_step[1]);
-        }
+        let column_step = each2([0, 1], |k| fixed(slopes[k][0] * per_column * side[k]));
+        let row_step = each2([0, 1], |k| fixed(slopes[k][1] * per_row * side[k]));
+        let grid = Grid { first, column_step, row_step, counts: [columns, rows] };
+        let (sum, count) = match (filter, covered) {
+            (Filter::Linear, None) => level.sum_linear::<false>(&axes, &grid, &[0; 4]),
+            (Filter::Linear, Some(covered)) => level.sum_linear::<true>(&axes, &grid, &covered([columns, rows])),
+            (Filter::Nearest, None) => level.sum_nearest(&axes, &grid, &[u64::MAX; 4]),
+            (Filter::Nearest, Some(covered)) => level.sum_nearest(&axes, &grid, &covered([columns, rows])),
+        };
         if count == 0 {
             return level.at(usage, filter, footprint.at);
         }
         let scale = UNIT / count as f32;
-        sum.map(|c| c * scale)
+        each4(sum, |c| c * scale)
     }
 }
 

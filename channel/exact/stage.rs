@@ -270,7 +270,7 @@ impl ExactScratch {
         let corner = pixel_corner(rect, pixel);
         let full = frame.pattern.full;
         let [left, top] = corner.map(|c| f64::from(c / SUBPIXELS));
-        let behind = Behind::of(frame.camera, frame.environment, corner);
+        let behind = faces.behind(frame, corner);
         // Where something opaque covers the pixel there is no background.
         let mut sky = match behind {
             Behind::Straight(_) | Behind::Bent(_) if self.covers[pixel] == f32::NEG_INFINITY => Some(Passed([1.0; 64])),

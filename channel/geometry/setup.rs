@@ -76,7 +76,7 @@ impl Flags {
 }
 
 /// Inverse distance beyond all use, 1/m; it can still be multiplied by areas and divided by.
-const FARTHEST: f64 = 1e-280;
+pub const FARTHEST: f64 = 1e-280;
 
 /// A triangle ready for the raster.
 #[derive(Clone, Copy, Debug)]

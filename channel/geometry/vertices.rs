@@ -71,6 +71,17 @@ fn wide<S: Simd>(simd: S, from: &[f32]) -> f64x8<S> {
     f64x8::simd_from(simd, wide)
 }
 
+/// Pixels rounded to sub-pixels, within the guard band. Not a closure: called twice, it would be a function without the level's
+/// instructions, and each of its operations a call.
+#[inline(always)]
+fn to_sub<S: Simd>(simd: S, pixels: f64x8<S>) -> f64x8<S> {
+    let limit = f64x8::splat(simd, f64::from(1i32 << GUARD_BITS));
+    let low = f64x8::splat(simd, -f64::from(1i32 << GUARD_BITS));
+    let c = (pixels * f64::from(SUBPIXELS) + 0.5).floor();
+    let c = c.simd_gt(limit).select(limit, c);
+    c.simd_lt(low).select(low, c)
+}
+
 #[inline(always)]
 fn whole_numbers<S: Simd>(v: f64x8<S>, to: &mut [i32]) {
     let shifted: [f64; LANES] = (v + TO_INTEGER).into();
@@ -106,7 +117,6 @@ impl Vertices {
         let near = splat(camera.near);
         let visibility = splat(visibility_m);
         let range_squared = splat(visibility_m * visibility_m);
-        let limit = splat(f64::from(1i32 << GUARD_BITS));
         let zero = splat(0.0);
         for at in (0..count).step_by(LANES) {
             let end = at + LANES;
@@ -126,13 +136,8 @@ impl Vertices {
                 | (guard_top * w - y).simd_lt(zero);
             let beside = [x.simd_lt(left * w), x.simd_gt(right * w), y.simd_lt(bottom * w), y.simd_gt(top * w)];
             let beyond = (x * x + y * y + w * w).simd_gt(range_squared);
-            let sub = |c: f64x8<S>| {
-                let c = (c * f64::from(SUBPIXELS) + 0.5).floor();
-                let c = c.simd_gt(limit).select(limit, c);
-                c.simd_lt(zero - limit).select(zero - limit, c)
-            };
-            let sx = sub((x / w - left) / span_x * width);
-            let sy = sub((top - y / w) / span_y * height);
+            let sx = to_sub(simd, (x / w - left) / span_x * width);
+            let sy = to_sub(simd, (top - y / w) / span_y * height);
             let q = splat(1.0) / w;
             let codes: &mut [u16; LANES] = (&mut self.codes[at..end]).try_into().expect("eight lanes");
             let none = usable & !cut;

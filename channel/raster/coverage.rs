@@ -95,6 +95,36 @@ impl Edges {
         mask
     }
 
+    /// Whether all of a square is covered, its sides included.
+    #[inline(always)]
+    pub fn covers_square(&self, x_sub: i32, y_sub: i32, side: i32) -> bool {
+        let least =
+            each3([0, 1, 2], |k| self.at(k, x_sub, y_sub) + (self.a[k].min(0) + self.b[k].min(0)) * i64::from(side));
+        (least[0] | least[1] | least[2]) >= 0
+    }
+
+    /// Which cells of a grid over the pixel whose upper left is there have their middles covered, the middles rounded down to
+    /// sub-pixels: bit row · columns + column. At most 256 cells.
+    #[inline(always)]
+    pub fn cells(&self, x_sub: i32, y_sub: i32, [columns, rows]: [u32; 2]) -> [u64; 4] {
+        // Half a cell in 2⁻¹⁶ of a sub-pixel.
+        const ONE: u32 = (SUBPIXELS as u32 / 2) << 16;
+        let (half_column, half_row) = (ONE / columns, ONE / rows);
+        let mut cells = [0; 4];
+        let mut bit = 0usize;
+        for row in 0..rows {
+            let y = y_sub + ((2 * row + 1) * half_row >> 16) as i32;
+            let at = each3([0, 1, 2], |k| self.at(k, x_sub, y));
+            for column in 0..columns {
+                let x = i64::from((2 * column + 1) * half_column >> 16);
+                let e = each3([0, 1, 2], |k| at[k] + self.a[k] * x);
+                cells[bit / 64] |= u64::from((e[0] | e[1] | e[2]) >= 0) << (bit % 64);
+                bit += 1;
+            }
+        }
+        cells
+    }
+
     /// Whether a square whose samples lie between `low` and `high` of its upper left, both axes, has none inside
     /// because one edge has them all outside.
     #[inline(always)]
@@ -507,6 +537,35 @@ mod tests {
                 assert_eq!(edges.covers(at[0], at[1]), inside, "round {round}: {corners:?} at {at:?}");
             }
         }
+    }
+
+    #[test]
+    fn cells_and_squares_are_those_that_each_point_says() {
+        let mut random = Random(0xCE11);
+        let (mut covered, mut squares) = (0, 0);
+        for round in 0..3000 {
+            let size = [300.0, 3000.0, 100_000.0][round % 3];
+            let corners = [0; 3].map(|_| [0; 2].map(|_| 5000 + (random.signed() * size) as i32));
+            let Some(triangle) = triangle(corners) else { continue };
+            let edges = Edges::of(&triangle);
+            let [x, y] = [0; 2].map(|_| random.below(40) as i32 * SUBPIXELS);
+            let counts = [1 + random.below(16) as u32, 1 + random.below(16) as u32];
+            let cells = edges.cells(x, y, counts);
+            for bit in 0..(counts[0] * counts[1]) as usize {
+                let (column, row) = (bit as u32 % counts[0], bit as u32 / counts[0]);
+                // Half cells in 2⁻¹⁶ of a sub-pixel, as they are rounded there.
+                let middle = |k: u32, count: u32| ((2 * k + 1) * ((128 << 16) / count) >> 16) as i32;
+                let at = [x + middle(column, counts[0]), y + middle(row, counts[1])];
+                let inside = point_in_triangle(corners.map(|c| c.map(i128::from)), at.map(i128::from));
+                assert_eq!(cells[bit / 64] >> (bit % 64) & 1 != 0, inside, "round {round}, cell {bit} of {counts:?}");
+                covered += usize::from(inside);
+            }
+            let all = [[0, 0], [SUBPIXELS, 0], [0, SUBPIXELS], [SUBPIXELS, SUBPIXELS]];
+            let is_full = all.iter().all(|[dx, dy]| edges.covers(x + dx, y + dy));
+            assert_eq!(edges.covers_square(x, y, SUBPIXELS), is_full, "round {round}");
+            squares += usize::from(is_full);
+        }
+        assert!(covered > 1000 && squares > 50, "{covered} cells and {squares} squares");
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! The background: one colour, or the sky of picture.md by the elevation of the rays through a pixel's samples.
 
 use crate::geometry::camera::Camera;
+use crate::raster::coverage::BLOCK;
 use crate::samples::{Pattern, SUBPIXELS};
+use crate::simd::each3;
 use proto::frame::{Background, Environment};
 
 /// The sky's colour at the horizon and below, linear.
@@ -24,16 +26,48 @@ pub enum Behind {
     Bent([i32; 2]),
 }
 
-impl Behind {
-    /// Of the pixel whose upper left is (x, y) sub.
-    ///
-    /// Along the elevation the sky has two kinks and is nearly straight elsewhere: where a pixel doesn't come near a kink, and is
-    /// small, it is taken as affine, which differs by less than the square of the pixel's angle.
-    pub fn of(camera: &Camera, environment: &Environment, [x, y]: [i32; 2]) -> Self {
+/// The background of the block that was asked for last: nine rays and five arcsines for each pixel of a sky would cost more than most
+/// surfaces do.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BlockSky {
+    /// The block's upper left, sub, and what is behind it.
+    last: Option<([i32; 2], Behind)>,
+}
+
+impl BlockSky {
+    /// Forgets the last block: the next may be another frame's.
+    pub fn clear(&mut self) {
+        self.last = None;
+    }
+
+    /// What is behind the pixel whose upper left is (x, y) sub. That of the block of 8 × 8 pixels which holds it, counted from the view's
+    /// upper left, where it is one colour or straight; else the pixel's own.
+    #[inline]
+    pub fn of(&mut self, camera: &Camera, environment: &Environment, [x, y]: [i32; 2]) -> Behind {
         if let Background::Constant(colour) = environment.background {
-            return Self::Constant(colour);
+            return Behind::Constant(colour);
         }
-        let side = SUBPIXELS;
+        let block = [x & !(BLOCK_SUB - 1), y & !(BLOCK_SUB - 1)];
+        let known = self.last.filter(|(last, _)| *last == block);
+        let (_, sky) = known.unwrap_or_else(|| (block, Behind::square(camera, block, BLOCK_SUB, WIDE_BLOCK)));
+        self.last = Some((block, sky));
+        match sky {
+            Behind::Constant(_) => sky,
+            Behind::Straight([corner, along, across]) => {
+                let (dx, dy) = (f64::from(x - block[0]), f64::from(y - block[1]));
+                Behind::Straight([each3([0, 1, 2], |c| corner[c] + (along[c] * dx + across[c] * dy)), along, across])
+            }
+            Behind::Bent(_) => Behind::square(camera, [x, y], SUBPIXELS, WIDE),
+        }
+    }
+}
+
+impl Behind {
+    /// Of the square with that side whose upper left is (x, y) sub.
+    ///
+    /// Along the elevation the sky has two kinks and is nearly straight elsewhere: where a square doesn't come near a kink, and is
+    /// no wider than `wide`, it is taken as affine, which differs by less than an eighth of the square of that angle.
+    fn square(camera: &Camera, [x, y]: [i32; 2], side: i32, wide: f64) -> Self {
         let sine = |dx: i32, dy: i32| elevation(camera, [x + dx, y + dy]);
         let corners = [sine(0, 0), sine(side, 0), sine(0, side), sine(side, side)];
         let low = corners.into_iter().fold(f64::INFINITY, |m, s| if s < m { s } else { m });
@@ -41,7 +75,7 @@ impl Behind {
         // The sky may sag between corners: by the second order as well.
         let slack = (high - low) * (high - low) + 1e-9;
         let near = |kink: f64| low - slack < kink && high + slack > kink;
-        if near(0.0) || near(SIN_ZENITH) || high - low > WIDE {
+        if near(0.0) || near(SIN_ZENITH) || high - low > wide {
             return Self::Bent([x, y]);
         }
         if low >= SIN_ZENITH || high <= 0.0 {
@@ -64,7 +98,7 @@ impl Behind {
         match self {
             Self::Constant(colour) => *colour,
             Self::Straight([corner, along, across]) => {
-                std::array::from_fn(|c| (corner[c] + (along[c] * f64::from(dx) + across[c] * f64::from(dy))) as f32)
+                each3([0, 1, 2], |c| (corner[c] + (along[c] * f64::from(dx) + across[c] * f64::from(dy))) as f32)
             }
             Self::Bent([x, y]) => sky(elevation(camera, [x + dx, y + dy])),
         }
@@ -82,10 +116,10 @@ impl Behind {
                 while rest != 0 {
                     let colour = self.at(camera, pattern.points[rest.trailing_zeros() as usize]);
                     rest &= rest - 1;
-                    sum = std::array::from_fn(|c| sum[c] + f64::from(colour[c]));
+                    sum = each3([0, 1, 2], |c| sum[c] + f64::from(colour[c]));
                 }
                 let share = 1.0 / f64::from(mask.count_ones());
-                sum.map(|c| (c * share) as f32)
+                each3(sum, |c| (c * share) as f32)
             }
         }
     }
@@ -98,6 +132,12 @@ fn elevation(camera: &Camera, [x, y]: [i32; 2]) -> f64 {
 
 /// Pixels in which the sine of the elevation changes by more than this, as in views of nearly 180°, are looked at sample by sample.
 const WIDE: f64 = 1.0 / 512.0;
+
+/// Blocks in which it changes by more are looked at pixel by pixel. Straight in so many, the sky is 4e-5 of full scale off at most, linear.
+const WIDE_BLOCK: f64 = 1.0 / 48.0;
+
+/// Side of a block, sub.
+const BLOCK_SUB: i32 = BLOCK as i32 * SUBPIXELS;
 
 /// The sky in a direction whose unit vector has that component along the local vertical.
 fn sky(sine: f64) -> [f32; 3] {

@@ -3,7 +3,6 @@
 //! It goes block by block. A block that one face of one colour fills is written as such; pixels that one face fills take its
 //! colour, those shaded by their normals 16 at a time; only pixels with several faces or with fragments average over samples.
 
-use super::background::Behind;
 use crate::frame::Frame;
 use crate::raster::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW};
 use crate::raster::opaque::{block_corner, pixel_corner};
@@ -226,7 +225,7 @@ fn resolve_block<S: Simd>(
                 scratch.block.linear[bit] = colour;
                 continue;
             }
-            Behind::of(frame.camera, frame.environment, corner).mean(frame.camera, frame.pattern, frame.pattern.full)
+            faces.behind(frame, corner).mean(frame.camera, frame.pattern, frame.pattern.full)
         } else if let Some(place) = Visible::single(cell) {
             match faces.look(frame, rect, place, numbers[place as usize]) {
                 Look::Constant([r, g, b, _], code) => {
@@ -355,7 +354,7 @@ fn several<S: Simd>(
         add_share(simd, &mut scratch.block.sums[bit], colour, share);
     }
     if open != 0 {
-        let behind = Behind::of(frame.camera, frame.environment, pixel_corner(rect, pixel));
+        let behind = faces.behind(frame, pixel_corner(rect, pixel));
         let [r, g, b] = behind.mean(frame.camera, pattern, open);
         add_share(simd, &mut scratch.block.sums[bit], [r, g, b, 0.0], open.count_ones() as f32 * one);
     }

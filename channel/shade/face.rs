@@ -6,10 +6,11 @@
 //! prepared once per tile and kept in a small cache. Faces that need none of it are shaded by [`super::tile`].
 
 use crate::frame::Frame;
-use crate::geometry::setup::{Flags, Triangle};
+use crate::geometry::setup::{FARTHEST, Flags, Plane, Triangle};
 use crate::geometry::transform::Item;
 use crate::raster::coverage::Edges;
 use crate::samples::SUBPIXELS;
+use crate::simd::{each2, each3, each4};
 use crate::texture::{Footprint, MipTexture, detail};
 use glam::DVec3;
 use proto::scene::{Mesh, TextureUse};
@@ -62,8 +63,8 @@ pub(super) struct Face {
     y: [i32; 3],
     q: [f64; 3],
     pub(super) edges: Edges,
-    /// Twice the area, sub².
-    area: f64,
+    /// Inverse distance.
+    plane: Plane,
     /// Index into the frame's list.
     item: u32,
     /// Linear RGBA where there is nothing to interpolate: the colour everywhere on the face, before fading.
@@ -100,7 +101,7 @@ impl Place {
     #[inline]
     fn weights(&self) -> [f64; 3] {
         let scale = 1.0 / self.sum;
-        self.parts.map(|p| p * scale)
+        each3(self.parts, |p| p * scale)
     }
 }
 
@@ -136,7 +137,7 @@ impl Face {
             y: triangle.y,
             q: triangle.corner_q(),
             edges: Edges::of(triangle),
-            area: triangle.area_twice() as f64,
+            plane: triangle.plane(),
             item: triangle.item,
             constant: None,
             uv,
@@ -166,11 +167,11 @@ impl Face {
             let mut emissive = self.emissive;
             if self.uv[0].is_some() {
                 let texel = self.averaged(frame, 0, &place, weights, [x, y], pixel);
-                base = std::array::from_fn(|c| base[c] * texel[c]);
+                base = each4([0, 1, 2, 3], |c| base[c] * texel[c]);
             }
             if self.uv[1].is_some() {
                 let texel = self.averaged(frame, 1, &place, weights, [x, y], pixel);
-                emissive = std::array::from_fn(|c| emissive[c] * texel[c]);
+                emissive = each3([0, 1, 2], |c| emissive[c] * texel[c]);
             }
             let normal = if self.is_smooth {
                 let [a, b, c] = self.normals;
@@ -182,20 +183,27 @@ impl Face {
                 DVec3::ZERO
             } else {
                 let [rx, ry] = frame.camera.ray(x, y);
-                frame.camera.world_axes(DVec3::new(rx, ry, -1.0) * (self.area / place.sum))
+                frame.camera.world_axes(DVec3::new(rx, ry, -1.0) / self.inverse_distance(x, y))
             };
             self.lit(frame, base, emissive, normal, point)
         });
         if let Some((per_m, _)) = frame.fade {
             // w = 1/q, and the distance is w times the ray's length.
             let [rx, ry] = frame.camera.ray(x, y);
-            let distance = self.area / place.sum * (rx * rx + ry * ry + 1.0).sqrt();
+            let distance = (rx * rx + ry * ry + 1.0).sqrt() / self.inverse_distance(x, y);
             let seen = libm::exp(-per_m * distance) as f32;
             for (c, fog) in colour.iter_mut().zip(frame.fog) {
                 *c = *c * seen + fog * (1.0 - seen);
             }
         }
         colour
+    }
+
+    /// 1/w at a sub-pixel position on the face; a place beyond its plane's horizon, where rounding may put one, is farther than everything.
+    #[inline]
+    fn inverse_distance(&self, x: i32, y: i32) -> f64 {
+        let q = self.plane.at(x, y);
+        if q > FARTHEST { q } else { FARTHEST }
     }
 
     /// c = base · (ambient + Σ light · max(0, n · d)) + emissive; unlit: c = base. `point` is the place relative to the view's
@@ -216,13 +224,13 @@ impl Face {
             let mut light = [light; 3];
             for other in frame.lights {
                 let more = other.on(point, normal);
-                light = std::array::from_fn(|c| light[c] + more[c] as f32);
+                light = each3([0, 1, 2], |c| light[c] + more[c] as f32);
             }
             for c in 0..3 {
                 colour[c] = base[c] * light[c] + emissive[c];
             }
         }
-        colour.map(finite)
+        each4(colour, finite)
     }
 
     /// Alpha at a sub-pixel position, the base texture read at mip level `level`.
@@ -252,8 +260,8 @@ impl Face {
         if !self.is_coloured {
             return self.base[0];
         }
-        let w = weights.map(|w| w as f32);
-        std::array::from_fn(|c| self.base[0][c] * w[0] + self.base[1][c] * w[1] + self.base[2][c] * w[2])
+        let w = each3(weights, |w| w as f32);
+        each4([0, 1, 2, 3], |c| self.base[0][c] * w[0] + self.base[1][c] * w[1] + self.base[2][c] * w[2])
     }
 
     /// The mip level at which the base texture is read at a sub-pixel position.
@@ -291,14 +299,8 @@ impl Face {
         let [du, dv] = self.slopes(which, place, at);
         let part = |sub: i32| f64::from(sub) * (1.0 / f64::from(SUBPIXELS));
         let footprint = Footprint { at, place: [part(x - pixel[0]), part(y - pixel[1])], du, dv };
-        let half = SUBPIXELS as u32 / 2;
-        let covered = |column: u32, columns: u32, row: u32, rows: u32| {
-            // The middle of a cell, in whole sub-pixels.
-            let [dx, dy] = [(2 * column + 1) * half / columns, (2 * row + 1) * half / rows];
-            self.edges.covers(pixel[0] + dx as i32, pixel[1] + dy as i32)
-        };
-        let corners = [[0, 0], [SUBPIXELS, 0], [0, SUBPIXELS], [SUBPIXELS, SUBPIXELS]];
-        let is_full = corners.iter().all(|[dx, dy]| self.edges.covers(pixel[0] + dx, pixel[1] + dy));
+        let covered = |counts: [u32; 2]| self.edges.cells(pixel[0], pixel[1], counts);
+        let is_full = self.edges.covers_square(pixel[0], pixel[1], SUBPIXELS);
         texture.average(usage, &footprint, (!is_full).then_some(covered))
     }
 
@@ -307,9 +309,10 @@ impl Face {
     #[inline]
     fn slopes(&self, which: usize, place: &Place, at: [f64; 2]) -> [[f64; 2]; 2] {
         let scale = f64::from(SUBPIXELS) / place.sum;
-        [0, 1].map(|axis| {
-            [0, 1]
-                .map(|direction| (self.uv_steps[which][axis][direction] - at[axis] * self.sum_steps[direction]) * scale)
+        each2([0, 1], |axis| {
+            each2([0, 1], |direction| {
+                (self.uv_steps[which][axis][direction] - at[axis] * self.sum_steps[direction]) * scale
+            })
         })
     }
 }
@@ -317,7 +320,7 @@ impl Face {
 /// The mean of the corners' coordinates with these weights.
 #[inline]
 fn mixed(uv: [[f64; 2]; 3], weights: [f64; 3]) -> [f64; 2] {
-    [0, 1].map(|axis| uv[0][axis] * weights[0] + uv[1][axis] * weights[1] + uv[2][axis] * weights[2])
+    each2([0, 1], |axis| uv[0][axis] * weights[0] + uv[1][axis] * weights[1] + uv[2][axis] * weights[2])
 }
 
 /// Change of a corner's part (see [`Place`]) per sub-pixel, to the right and downwards, for each corner.

@@ -15,6 +15,7 @@ use super::nearest::nearest;
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, WHOLE_FACE, extent};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
+use crate::resolve::background::{Behind, BlockSky};
 use crate::room::room;
 use crate::samples::SUBPIXELS;
 use crate::simd::{each3, each4};
@@ -91,9 +92,10 @@ pub struct TileFaces {
     constants: Vec<([f32; 4], u32)>,
     normals: Vec<ByNormal>,
     general: FaceCache,
+    sky: BlockSky,
 }
 
-room!(TileFaces: known, codes, constants, normals; general);
+room!(TileFaces: known, codes, constants, normals; general, sky);
 
 /// Below the kind in [`TileFaces::known`].
 const INDEX_BITS: u32 = 30;
@@ -115,6 +117,13 @@ impl TileFaces {
         self.constants.clear();
         self.normals.clear();
         self.general.clear();
+        self.sky.clear();
+    }
+
+    /// What is behind all faces in the pixel whose upper left is there, sub.
+    #[inline(always)]
+    pub fn behind(&mut self, frame: &Frame<'_>, corner: [i32; 2]) -> Behind {
+        self.sky.of(frame.camera, frame.environment, corner)
     }
 
     /// The faces of the general way.

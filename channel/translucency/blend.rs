@@ -324,7 +324,7 @@ impl Blender {
             open &= !seen.mask;
         }
         if open != 0 {
-            match Behind::of(frame.camera, frame.environment, [x, y]) {
+            match faces.behind(frame, [x, y]) {
                 Behind::Constant(colour) => add(open, colour),
                 sky => {
                     let mut rest = open;
@@ -436,7 +436,7 @@ impl Blender {
             fill(seen.mask, &|_| [r, g, b]);
         }
         if open != 0 {
-            let sky = Behind::of(frame.camera, frame.environment, corner);
+            let sky = faces.behind(frame, corner);
             fill(open, &|i| sky.at(frame.camera, pattern.points[i]));
         }
         let fragments = tile.layers.of_pixel(block, bit, pattern.full);

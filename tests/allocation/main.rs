@@ -17,7 +17,7 @@ use manager::scene::{Entities, Scene, builtin, import};
 use manager::select::{Selection, Selector};
 use proto::frame::{Environment, FrameState, VersionWeights};
 use proto::ids::{Epoch, FrameNumber};
-use proto::share::Part;
+use proto::share::{Lattice, Part};
 use proto::view::{Pose, Samples, View};
 use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 use std::alloc::System;
@@ -28,8 +28,8 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Width and height, pixels: several tiles for each of two threads, none of them whole at the right and below.
 const SIZE: (u32, u32) = (180, 100);
-/// With areas instead of points, which take far longer in `smoke`.
-const SIZE_EXACT: (u32, u32) = (80, 50);
+/// What is drawn with areas, which take far longer in `smoke`: each fourth tile.
+const PART_EXACT: Part = Part::Lattice(Lattice { modulus: 4, skew: 1, first: 0, end: 1 });
 /// Poses of a flight that are drawn.
 const POSES: usize = 3;
 
@@ -61,7 +61,7 @@ impl Stop {
     }
 
     fn view(&self, samples: Samples) -> View {
-        let (width, height) = if samples == Samples::Exact { SIZE_EXACT } else { SIZE };
+        let (width, height) = SIZE;
         let (offset, tangents, near) = (Pose::IDENTITY, self.pose.lens(width, height), View::NEAR_DEFAULT);
         View { offset, tangents, width, height, near, samples }
     }
@@ -82,6 +82,7 @@ fn fly(
     for stop in stops {
         let Stop { state, entities, weights, .. } = stop;
         let view = stop.view(samples);
+        let part = if samples == Samples::Exact { PART_EXACT } else { Part::WHOLE };
         entities.moved(&mut moved);
         store.set_moved(&moved).unwrap();
         store.set_weights(weights).unwrap();
@@ -90,7 +91,7 @@ fn fly(
         let before = asked();
         selector.select(scene, entities, weights, state.eye, &view, visibility, selection);
         let selected = asked();
-        let stats = renderer.draw(store, state, &view, &selection.subobjects, &Part::WHOLE, out).unwrap();
+        let stats = renderer.draw(store, state, &view, &selection.subobjects, &part, out).unwrap();
         let drawn = asked();
         counts.push([selected - before, drawn - selected]);
         assert!(stats.triangles_drawn > 0, "the flight shows something");
