@@ -17,6 +17,7 @@ use crate::geometry::transform::{GeometryCounts, GeometryRun, Item};
 use crate::lights::Light;
 use crate::raster::bins::{RunBins, TileMap};
 use crate::raster::coverage::{BLOCKS, SampleTables};
+use crate::raster::fronts::{BoxExtent, TileFronts};
 use crate::raster::opaque::{RasterCounts, draw_opaque};
 use crate::raster::visible::{TILE_TRIANGLES_MAX, Visible};
 use crate::resolve::tile::{ResolveCounts, ResolveScratch, Resolved, TileOutput, resolve};
@@ -93,6 +94,10 @@ pub struct DrawStats {
     pub tiles: u64,
     /// Of these, tiles without a translucent fragment.
     pub tiles_opaque: u64,
+    /// Time that the threads worked, ns, together.
+    pub busy_ns: u64,
+    /// Time that the one that worked longest did, ns.
+    pub busiest_ns: u64,
     /// From the list to triangles in bins, ns.
     pub geometry_ns: u64,
     /// Raster, ns, summed over threads.
@@ -175,6 +180,8 @@ impl TilePictures {
 /// measure what it saves. No picture depends on any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Skips {
+    /// Subobjects behind faces that cover their tiles, or in no tile of this board, by their boxes and before a vertex is touched.
+    pub hidden: bool,
     /// Triangles behind what is already drawn, block by block and tile by tile.
     pub occluded: bool,
     /// Pixels that one face fills: taken many at a time and shaded once, not looked at sample by sample.
@@ -185,13 +192,15 @@ pub struct Skips {
 
 impl Default for Skips {
     fn default() -> Self {
-        Self { occluded: true, single: true, opaque_tiles: true }
+        Self { hidden: true, occluded: true, single: true, opaque_tiles: true }
     }
 }
 
 /// What one thread needs for a tile.
 #[derive(Debug, Default)]
 struct TileScratch {
+    /// How long the thread has worked in this frame, ns.
+    busy_ns: u64,
     /// The tile's triangles: the opaque ones, then the others.
     numbers: Vec<u32>,
     visible: Visible,
@@ -202,7 +211,7 @@ struct TileScratch {
     exact: ExactScratch,
 }
 
-room!(TileScratch: numbers, visible, layers, faces, resolve, exact; tables);
+room!(TileScratch: numbers, visible, layers, faces, resolve, exact; tables, busy_ns);
 
 /// One run of the list on its way through geometry.
 #[derive(Debug)]
@@ -228,6 +237,7 @@ pub struct Renderer {
     runs: Vec<GeometryRun>,
     bins: Vec<RunBins>,
     map: TileMap,
+    fronts: TileFronts,
     level: SimdLevel,
     skips: Skips,
     /// One per thread.
@@ -255,6 +265,9 @@ const RUNS_PER_THREAD: usize = 8;
 
 /// Fewest faces of a run: below, handing it to a thread costs as much as the work. A guess.
 const RUN_FACES_MIN: usize = 512;
+
+/// Fewest faces of a subobject whose box is asked first: a box costs as much as some dozen vertices. A guess.
+const FACES_WORTH_A_BOX: usize = 8;
 
 /// Most faces of a run, a subobject more or less: cut into as many pieces as can be, they still have numbers.
 const RUN_FACES_MAX: usize = RUN_TRIANGLES_MAX / (CORNERS_MAX - 2) - TRIANGLES_PER_SUBOBJECT_MAX;
@@ -285,6 +298,7 @@ impl Renderer {
             runs: Vec::new(),
             bins: Vec::new(),
             map: TileMap::default(),
+            fronts: TileFronts::default(),
             level: SimdLevel::best(),
             skips: Skips::default(),
             scratch: (0..count).map(|_| TileScratch::default()).collect(),
@@ -373,11 +387,15 @@ impl Renderer {
         tile_jobs(out, view, &mut jobs);
         let (bins, level, skips) = (&self.bins[..runs], self.level.level(), self.skips);
         self.pool.for_each(&mut self.scratch, &mut jobs, |scratch, job| {
+            let begun = Instant::now();
             dispatch!(level, simd => draw_tile(simd, &frame, bins, skips, scratch, job));
+            scratch.busy_ns += nanoseconds(begun);
         });
         for job in &jobs {
             stats.add_tile(&job.stats);
         }
+        stats.busy_ns = self.scratch.iter().map(|scratch| scratch.busy_ns).sum();
+        stats.busiest_ns = self.scratch.iter().map(|scratch| scratch.busy_ns).max().unwrap_or(0);
         self.tile_jobs = emptied(jobs);
         share_room(&mut self.scratch);
         Ok(stats)
@@ -418,13 +436,27 @@ impl Renderer {
             run,
             bins,
         }));
-        let (map, level) = (&self.map, self.level.level());
-        self.pool.for_each(&mut self.scratch, &mut jobs, |_, RunJob { range, run, bins }| {
+        self.fronts.clear(self.map.bins());
+        let (map, fronts, level) = (&self.map, &self.fronts, self.level.level());
+        // Areas also ask for what is a little beside a tile's points.
+        let looks = self.skips.hidden && !pattern.is_exact();
+        let is_hidden = |item: &Item<'_>| {
+            looks
+                && item.stored.mesh.triangles.len() >= FACES_WORTH_A_BOX
+                && BoxExtent::of(camera, item).is_some_and(|extent| fronts.hide(map, &extent))
+        };
+        // From front to back, whichever thread: what is near hides what comes later.
+        for scratch in &mut self.scratch {
+            scratch.busy_ns = 0;
+        }
+        self.pool.for_each_in_turn(&mut self.scratch, &mut jobs, |scratch, RunJob { range, run, bins }| {
+            let begun = Instant::now();
             let own = &items[range.clone()];
             dispatch!(level, simd => {
-                run.fill(simd, camera, pattern, visibility_m, own, range.start);
-                bins.fill(pattern, map, &run.triangles, |t| items[t.item as usize].is_fragments());
+                run.fill(simd, camera, pattern, visibility_m, own, range.start, is_hidden);
+                bins.fill(pattern, map, fronts, &run.triangles, |t| items[t.item as usize].is_fragments());
             });
+            scratch.busy_ns += nanoseconds(begun);
         });
         self.run_jobs = emptied(jobs);
         for run in &self.runs[..count] {
@@ -541,7 +573,7 @@ fn draw_tile<S: Simd>(
     scratch: &mut TileScratch,
     job: &mut TileJob<'_>,
 ) {
-    let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch, exact } = scratch;
+    let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch, exact, .. } = scratch;
     let stats = &mut job.stats;
     let begun = Instant::now();
     numbers.clear();

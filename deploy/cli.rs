@@ -391,6 +391,8 @@ pub(crate) struct InspectArgs {
 pub(crate) enum BenchCommand {
     /// Time to draw scenes, and with --reference their error
     Pixels(Box<PixelsArgs>),
+    /// A long flight: frame times from the median to the worst, and memory
+    Flight(FlightArgs),
     /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
     Peer(PeerArgs),
 }
@@ -425,6 +427,12 @@ pub(crate) struct PixelsArgs {
     /// Draw also with each skip turned off and with each instruction set, at the first of --samples
     #[arg(long)]
     pub ablate: bool,
+    /// Count the instructions of a frame too: each row is drawn again on one thread under valgrind, which takes a hundred times as long
+    #[arg(long)]
+    pub instructions: bool,
+    /// Draw nothing but what is asked for: be the child that instructions are counted of
+    #[arg(long, hide = true)]
+    pub alone: bool,
     /// Draw everything with llvmpipe too, pose by pose in turn; the background is then constant. Needs Mesa
     #[arg(long)]
     pub peer: bool,
@@ -443,6 +451,34 @@ pub(crate) struct PixelsArgs {
     /// Keep the report in this folder, as pixels-DATE-COMMIT.json
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench flight airport --seconds 600 --size 640x360 --samples 4")]
+pub(crate) struct FlightArgs {
+    /// A glTF file or the name of a built-in scene
+    #[arg(default_value = "airport")]
+    pub scene: String,
+    /// Camera file to fly, again and again; the built-in scene's, `SCENE.path.json`, or a flight round the scene by default
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// How long, s
+    #[arg(long, default_value = "600", value_name = "S", value_parser = positive)]
+    pub seconds: f64,
+    /// Size of the picture, pixels
+    #[arg(long, default_value = "640x360", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Points per pixel, or exact
+    #[arg(long, default_value = "4", value_name = "N", value_parser = samples)]
+    pub samples: proto::view::Samples,
+    #[command(flatten)]
+    pub air: AirArgs,
+    /// Threads to draw with
+    #[arg(long, default_value = "2", value_name = "N")]
+    pub threads: NonZeroUsize,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -152,6 +152,7 @@ impl Drawn {
             "fragments": sum(|s| s.fragments),
             "skipped": {
                 "culled": self.selected.subobjects_culled,
+                "occluded_subobjects": sum(|s| s.geometry.hidden_subobjects),
                 "occluded": sum(|s| s.opaque.occluded + s.translucent.occluded),
                 "backface": sum(|s| s.geometry.backface),
                 "tiles_opaque": sum(|s| s.tiles_opaque),

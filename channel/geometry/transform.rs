@@ -122,6 +122,10 @@ pub struct GeometryCounts {
     pub no_sample: u64,
     /// Cut at the near plane or the guard band.
     pub clipped: u64,
+    /// Subobjects left out by their boxes: behind faces that cover their tiles, or in other boards' tiles.
+    pub hidden_subobjects: u64,
+    /// Faces of these.
+    pub hidden: u64,
 }
 
 impl GeometryCounts {
@@ -133,6 +137,8 @@ impl GeometryCounts {
         self.backface += other.backface;
         self.no_sample += other.no_sample;
         self.clipped += other.clipped;
+        self.hidden_subobjects += other.hidden_subobjects;
+        self.hidden += other.hidden;
     }
 }
 
@@ -158,8 +164,8 @@ pub struct GeometryRun {
 }
 
 impl GeometryRun {
-    /// Transforms and sets up `items`, the first of which is number `first_item` of the list. `visibility_m` is the range
-    /// beyond which nothing is drawn, infinite if there is none.
+    /// Transforms and sets up `items`, the first of which is number `first_item` of the list, but not those that are hidden.
+    /// `visibility_m` is the range beyond which nothing is drawn, infinite if there is none.
     #[inline(always)]
     pub fn fill<S: Simd>(
         &mut self,
@@ -169,6 +175,7 @@ impl GeometryRun {
         visibility_m: f64,
         items: &[Item<'_>],
         first_item: usize,
+        is_hidden: impl Fn(&Item<'_>) -> bool,
     ) {
         self.triangles.clear();
         self.clips.clear();
@@ -177,6 +184,14 @@ impl GeometryRun {
         self.first_item = first_item;
         self.counts = GeometryCounts::default();
         for (i, item) in items.iter().enumerate() {
+            if is_hidden(item) {
+                let faces = item.stored.mesh.triangles.len() as u64;
+                self.counts.faces_in += faces;
+                self.counts.hidden += faces;
+                self.counts.hidden_subobjects += 1;
+                self.first_normals.push(NO_NORMALS);
+                continue;
+            }
             self.vertices.transform(simd, camera, visibility_m, item);
             let before = self.triangles.len();
             self.set_up(camera, pattern, item, (first_item + i) as u32);

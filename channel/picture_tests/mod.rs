@@ -3,6 +3,7 @@
 pub(crate) mod distribution;
 mod exact;
 mod formulas;
+mod hidden;
 mod light;
 mod models;
 pub(crate) mod planes;

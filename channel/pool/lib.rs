@@ -136,13 +136,38 @@ impl Pool {
         items: &mut [T],
         work: impl Fn(&mut S, &mut T) + Sync,
     ) {
+        let (threads, count) = (self.threads().min(items.len()), items.len());
+        self.each(states, items, work, |thread| thread * count / threads);
+    }
+
+    /// The same, but items are taken in their order: whichever thread is free takes the next.
+    ///
+    /// # Panics
+    /// As [`Pool::for_each`].
+    pub fn for_each_in_turn<S: Send, T: Send>(
+        &mut self,
+        states: &mut [S],
+        items: &mut [T],
+        work: impl Fn(&mut S, &mut T) + Sync,
+    ) {
+        let count = items.len();
+        self.each(states, items, work, |thread| if thread == 0 { 0 } else { count });
+    }
+
+    /// `first_of` tells where a thread's stretch begins; it ends where the next one's does. Ascending from 0, and the number of items for one
+    /// more than the last thread.
+    fn each<S: Send, T: Send>(
+        &mut self,
+        states: &mut [S],
+        items: &mut [T],
+        work: impl Fn(&mut S, &mut T) + Sync,
+        first_of: impl Fn(usize) -> usize + Sync,
+    ) {
         let wanted = self.threads().min(items.len());
         if wanted == 0 {
             return;
         }
         assert!(states.len() >= wanted, "each thread has a state");
-        let count = items.len();
-        let first_of = |thread: usize| thread * count / wanted;
         for (thread, next) in self.next[..wanted].iter().enumerate() {
             next.0.store(first_of(thread), Ordering::Relaxed);
         }

@@ -8,6 +8,7 @@
 //! doesn't enter tiles it never touches.
 
 use super::coverage::Edges;
+use super::fronts::TileFronts;
 use crate::geometry::setup::Triangle;
 use crate::samples::{Pattern, SUBPIXELS};
 use proto::frame::{TILE, TileIndex, tile_grid};
@@ -27,6 +28,18 @@ pub struct TileMap {
 }
 
 impl TileMap {
+    /// How many bins there are.
+    pub fn bins(&self) -> usize {
+        self.bins
+    }
+
+    /// The bin of the tile in that column and row of the view's grid, if it is drawn.
+    #[inline(always)]
+    pub fn slot(&self, column: i32, row: i32) -> Option<u32> {
+        let slot = self.slots[(row as u32 * self.columns + column as u32) as usize];
+        (slot != NOT_OURS).then_some(slot)
+    }
+
     /// Makes `tiles` of a view of `width` × `height` pixels the bins, in their order.
     pub fn set(&mut self, width: u32, height: u32, tiles: &[TileIndex]) {
         let (columns, rows) = tile_grid(width, height);
@@ -55,12 +68,14 @@ struct Side {
 }
 
 impl RunBins {
-    /// Sorts a run's triangles; `is_fragments` tells the kinds apart by the triangle's item.
+    /// Sorts a run's triangles; `is_fragments` tells the kinds apart by the triangle's item. Opaque triangles that cover whole tiles are
+    /// noted in `fronts`.
     #[inline(always)]
     pub fn fill(
         &mut self,
         pattern: &Pattern,
         map: &TileMap,
+        fronts: &TileFronts,
         triangles: &[Triangle],
         is_fragments: impl Fn(&Triangle) -> bool,
     ) {
@@ -70,18 +85,25 @@ impl RunBins {
         let side_sub = TILE as i32 * SUBPIXELS;
         let last = [map.width as i32 - 1, map.height as i32 - 1];
         for (number, triangle) in triangles.iter().enumerate() {
-            let side = if is_fragments(triangle) { &mut self.translucent } else { &mut self.opaque };
+            let is_fragment = is_fragments(triangle);
+            let side = if is_fragment { &mut self.translucent } else { &mut self.opaque };
             let [[x0, x1], [y0, y1]] = triangle.pixels(pattern.low, pattern.high());
             let (x0, x1) = (x0.max(0) >> tile, x1.min(last[0]) >> tile);
             let (y0, y1) = (y0.max(0) >> tile, y1.min(last[1]) >> tile);
             let edges = ((x1 - x0 + 1) * (y1 - y0 + 1) > 2).then(|| Edges::of(triangle));
             for y in y0..=y1 {
                 for x in x0..=x1 {
-                    let slot = map.slots[(y as u32 * map.columns + x as u32) as usize];
-                    let misses = |e: &Edges| e.misses(x * side_sub, y * side_sub, pattern.low, side_sub - pattern.low);
-                    if slot != NOT_OURS && !edges.as_ref().is_some_and(misses) {
-                        side.pairs.push([slot, number as u32]);
+                    let Some(slot) = map.slot(x, y) else { continue };
+                    if let Some(edges) = &edges {
+                        let corner = [x * side_sub, y * side_sub];
+                        if edges.misses(corner[0], corner[1], pattern.low, side_sub - pattern.low) {
+                            continue;
+                        }
+                        if !is_fragment {
+                            fronts.note(slot, triangle, edges, corner);
+                        }
                     }
+                    side.pairs.push([slot, number as u32]);
                 }
             }
         }

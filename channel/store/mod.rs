@@ -37,6 +37,8 @@ pub struct StoredMesh {
     pub mesh: Mesh,
     /// The mesh's positions by coordinate, padded with zeros.
     positions: [Vec<f32>; 3],
+    /// Smallest and largest coordinates of its vertices, the origin added; `None` without vertices.
+    bounds: Option<[glam::DVec3; 2]>,
     /// The mesh's normals, made unit vectors, by coordinate; empty if it has none. A vertex without one has zeros.
     normals: [Vec<f32>; 3],
     /// Slot of the base colour texture.
@@ -50,7 +52,15 @@ impl StoredMesh {
         let unit = |n: &[f32; 3]| glam::DVec3::from(n.map(f64::from)).normalize_or_zero().as_vec3().to_array();
         let positions = by_coordinate(mesh.positions.iter().copied());
         let normals = by_coordinate(mesh.normals.iter().map(unit));
-        Self { mesh, positions, normals, base_texture, emissive_texture }
+        let vertices = || (0..mesh.positions.len()).map(|vertex| mesh.position(vertex));
+        let least = vertices().reduce(glam::DVec3::min);
+        let bounds = least.zip(vertices().reduce(glam::DVec3::max)).map(|(low, high)| [low, high]);
+        Self { mesh, positions, bounds, normals, base_texture, emissive_texture }
+    }
+
+    /// Smallest and largest coordinates of its vertices in the mesh's space, computed here; `None` without vertices.
+    pub fn bounds(&self) -> Option<[glam::DVec3; 2]> {
+        self.bounds
     }
 
     /// Positions by coordinate, padded with zeros to a multiple of 16.

@@ -112,7 +112,8 @@ impl Entrant {
             threads: self.threads.get(),
             poses: self.times.len(),
             ms: Spread::of(&self.times),
-            work: (!self.draws.is_empty()).then(|| work(&self.draws, self.culled)),
+            instructions: None,
+            work: (!self.draws.is_empty()).then(|| work(&self.draws, self.culled, self.threads.get() as u64)),
             rms_edges: None,
             rms_all: None,
             max_all: None,
@@ -183,13 +184,15 @@ impl<'a> Field<'a> {
     }
 }
 
-fn work(draws: &[(DrawStats, f64)], culled: u64) -> Work {
+fn work(draws: &[(DrawStats, f64)], culled: u64, threads: u64) -> Work {
     let n = draws.len() as u64;
     let mean = |count: fn(&DrawStats) -> u64| draws.iter().map(|(s, _)| count(s)).sum::<u64>() / n;
     let median_ms = |count: fn(&DrawStats) -> u64| {
         let all: Vec<f64> = draws.iter().map(|(s, _)| count(s) as f64 / 1e6).collect();
         Spread::of(&all).median
     };
+    let imbalance = |s: &DrawStats| (s.busiest_ns * threads) as f64 / s.busy_ns.max(1) as f64;
+    let imbalances: Vec<f64> = draws.iter().map(|(s, _)| imbalance(s)).collect();
     let select: Vec<f64> = draws.iter().map(|(_, ms)| *ms).collect();
     Work {
         stage_ms: StageMs {
@@ -202,8 +205,10 @@ fn work(draws: &[(DrawStats, f64)], culled: u64) -> Work {
         triangles: mean(|s| s.geometry.faces_in),
         triangles_drawn: mean(|s| s.triangles_drawn),
         fragments: mean(|s| s.fragments),
+        imbalance: Spread::of(&imbalances).median,
         skipped: Skips {
             culled: culled / n,
+            occluded_subobjects: mean(|s| s.geometry.hidden_subobjects),
             occluded: mean(|s| s.opaque.occluded + s.translucent.occluded),
             backface: mean(|s| s.geometry.backface),
             tiles_opaque: mean(|s| s.tiles_opaque),

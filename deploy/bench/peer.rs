@@ -102,6 +102,7 @@ fn alone(args: &PeerArgs) -> Result<(), CommandError> {
             threads: args.threads.get(),
             poses: times.len(),
             ms: Spread::of(&times),
+            instructions: None,
             work: None,
             rms_edges: None,
             rms_all: None,

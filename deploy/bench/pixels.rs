@@ -2,7 +2,7 @@
 
 use super::entrant::{Entrant, Field, How};
 use super::truth::{Judged, truth};
-use super::{PEER_BACKGROUND, look, peer, spread};
+use super::{PEER_BACKGROUND, instructions, look, peer, spread};
 use crate::cli::PixelsArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
@@ -63,7 +63,7 @@ pub(crate) fn pixels(args: &PixelsArgs) -> Result<(), CommandError> {
 fn scene_rows(name: &str, source: &Source, args: &PixelsArgs, setting: &mut Setting) -> Result<Vec<Row>, CommandError> {
     let poses = spread(&source.camera, args.poses);
     // Outlives the field, which borrows it.
-    let front = if name == "overdraw" { Some(source::load("overdraw-front", None)?) } else { None };
+    let front = if name == "overdraw" && !args.alone { Some(source::load("overdraw-front", None)?) } else { None };
     let mut field = Field::new(args);
     let mut entrants = Vec::new();
     let ours = field.add(&source.scene, args.threads)?;
@@ -99,7 +99,9 @@ fn scene_rows(name: &str, source: &Source, args: &PixelsArgs, setting: &mut Sett
             }
         }
     }
-    entrants.push(Entrant::new(name, How::Memory, args.threads, false));
+    if !args.alone {
+        entrants.push(Entrant::new(name, How::Memory, args.threads, false));
+    }
 
     for (k, pose) in poses.iter().enumerate() {
         let before = poses[k.saturating_sub(1)];
@@ -108,6 +110,14 @@ fn scene_rows(name: &str, source: &Source, args: &PixelsArgs, setting: &mut Sett
         }
     }
     let mut rows: Vec<Row> = entrants.iter().map(|entrant| entrant.row(args)).collect();
+    if args.instructions {
+        for (entrant, row) in entrants.iter().zip(&mut rows) {
+            if let (How::Ours { samples, .. }, None) = (entrant.how, &row.variant) {
+                note(&format!("{}: counting instructions, {samples} …", row.scene));
+                row.instructions = Some(instructions::of_a_frame(&row.scene, samples, args)?);
+            }
+        }
+    }
     if args.reference {
         judge_all(name, source, poses[poses.len() / 2], args, &mut field, &entrants, &mut rows)?;
     }
@@ -125,6 +135,7 @@ fn ablate<'a>(
     let Some(&samples) = args.samples.first() else { return Ok(()) };
     let all = Skips::default();
     let without = [
+        ("without boxes", Skips { hidden: false, ..all }),
         ("without occlusion", Skips { occluded: false, ..all }),
         ("without whole pixels", Skips { single: false, ..all }),
         ("without opaque tiles", Skips { opaque_tiles: false, ..all }),

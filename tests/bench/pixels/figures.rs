@@ -188,6 +188,7 @@ pub(super) mod tests {
             threads,
             poses: 3,
             ms: Spread { min: ms / 2.0, median: ms, max: ms * 2.0 },
+            instructions: None,
             work: None,
             rms_edges: None,
             rms_all: None,

@@ -79,6 +79,9 @@ pub struct Row {
     pub poses: usize,
     /// Time of a frame.
     pub ms: Spread,
+    /// Instructions of a frame, counted on one thread.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions: Option<u64>,
     /// What only we know of ourselves.
     #[serde(flatten)]
     pub work: Option<Work>,
@@ -103,6 +106,8 @@ pub struct Work {
     pub triangles_drawn: u64,
     /// Translucent fragments.
     pub fragments: u64,
+    /// Time of the thread that worked longest against the mean of all; 1 is an even share. Median over the poses.
+    pub imbalance: f64,
     /// What was not done.
     pub skipped: Skips,
 }
@@ -123,6 +128,7 @@ pub struct StageMs {
 #[expect(missing_docs, reason = "the names of the statistics")]
 pub struct Skips {
     pub culled: u64,
+    pub occluded_subobjects: u64,
     pub occluded: u64,
     pub backface: u64,
     pub tiles_opaque: u64,

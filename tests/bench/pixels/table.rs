@@ -11,8 +11,19 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
     // Writing to a string can't fail.
     let _ = writeln!(
         out,
-        "{:<16} {:<10} {:>5} {:>7} {:>9} {:>9} {:>9} {:>8} {:>8} {:>10} {:>10}",
-        "scene", "renderer", "n", "threads", "ms min", "median", "max", "/peer 0", "/peer 4", "rms edges", "rms all"
+        "{:<16} {:<10} {:>5} {:>7} {:>9} {:>9} {:>9} {:>8} {:>8} {:>10} {:>10} {:>9}",
+        "scene",
+        "renderer",
+        "n",
+        "threads",
+        "ms min",
+        "median",
+        "max",
+        "/peer 0",
+        "/peer 4",
+        "rms edges",
+        "rms all",
+        "instr/px"
     );
     for row in rows {
         let against = |n: usize| {
@@ -26,7 +37,7 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
         };
         let _ = writeln!(
             out,
-            "{:<16} {:<10} {:>5} {:>7} {:>9.2} {:>9.2} {:>9.2} {:>8} {:>8} {:>10} {:>10}{}",
+            "{:<16} {:<10} {:>5} {:>7} {:>9.2} {:>9.2} {:>9.2} {:>8} {:>8} {:>10} {:>10} {:>9}{}",
             short(&row.scene),
             row.renderer.to_string(),
             row.samples.map_or("-".into(), |samples| samples.to_string()),
@@ -38,12 +49,13 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
             against(4),
             scientific(row.rms_edges),
             scientific(row.rms_all),
+            number(row.instructions.map(|count| count as f64 / f64::from(row.size[0] * row.size[1])), 1),
             row.variant.as_ref().map_or(String::new(), |variant| format!("  {variant}")),
         );
     }
     let _ = writeln!(
         out,
-        "\n{:<16} {:>5} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8} | {:>7} {:>7} {:>7} {:>7}\n{:<16} {:>5} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8} | {:>7} {:>7} {:>7} {:>7}",
+        "\n{:<16} {:>5} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} | {:>7} {:>7} {:>7} {:>7}\n{:<16} {:>5} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} | {:>7} {:>7} {:>7} {:>7}",
         "cyclorama",
         "n",
         "threads",
@@ -52,6 +64,7 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
         "raster",
         "transl",
         "resolve",
+        "uneven",
         "edges",
         "plain",
         "magn",
@@ -64,6 +77,7 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
         "ms",
         "ms",
         "ms",
+        "max/mean",
         "rms 255",
         "max",
         "p99",
@@ -74,7 +88,7 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
         let errors = row.errors_255;
         let _ = writeln!(
             out,
-            "{:<16} {:>5} {:>7} {:>8.2} {:>8.2} {:>8.2} {:>8.2} {:>8.2} | {:>7} {:>7} {:>7} {:>7}",
+            "{:<16} {:>5} {:>7} {:>8.2} {:>8.2} {:>8.2} {:>8.2} {:>8.2} {:>8.2} | {:>7} {:>7} {:>7} {:>7}",
             short(&row.scene),
             row.samples.map_or("-".into(), |samples| samples.to_string()),
             row.threads,
@@ -83,6 +97,7 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
             stage.raster,
             stage.translucency,
             stage.resolve,
+            work.imbalance,
             number(errors.map(|e| e.edges_rms), 2),
             number(errors.map(|e| e.untextured_max), 2),
             number(errors.map(|e| e.magnified_p99), 2),
