@@ -51,8 +51,9 @@ type Vector<S> = [f64x8<S>; 3];
 /// `x_axis · v.x + y_axis · v.y + z_axis · v.z`, in glam's order.
 #[inline(always)]
 fn rotate<S: Simd>(columns: &[Vector<S>; 3], v: Vector<S>) -> Vector<S> {
-    let [a, b, c] = columns;
-    each3([0, 1, 2], |k| a[k] * v[0] + b[k] * v[1] + c[k] * v[2])
+    // Not with a closure: see `to_sub`.
+    let ([ax, ay, az], [bx, by, bz], [cx, cy, cz], [x, y, z]) = (columns[0], columns[1], columns[2], v);
+    [ax * x + bx * y + cx * z, ay * x + by * y + cy * z, az * x + bz * y + cz * z]
 }
 
 #[inline(always)]
@@ -166,7 +167,9 @@ impl Vertices {
 fn gather_codes<S: Simd>(usable: mask64x8<S>, masks: [mask64x8<S>; 8]) -> [u16; LANES] {
     const _: () =
         assert!(NEAR == 1 << 4 && PAST == 1 << 5 && BEYOND == 1 << 6 && CUT == 1 << 7, "the order of the masks");
-    let masks = masks.map(|m| m.to_bitmask());
+    let [a, b, c, d, e, f, g, h] = masks;
+    let (low, high) = (each4([a, b, c, d], |m| m.to_bitmask()), each4([e, f, g, h], |m| m.to_bitmask()));
+    let masks = [low[0], low[1], low[2], low[3], high[0], high[1], high[2], high[3]];
     let usable = usable.to_bitmask();
     std::array::from_fn(|lane| {
         if usable >> lane & 1 == 0 {

@@ -64,7 +64,7 @@ fn what_boxes_say_is_hidden_no_sample_sees() {
             list.reverse();
         }
         let mode = if round % 2 == 0 { Mode::Interleave } else { Mode::Region };
-        let setup = [ViewSetup { mode, ..ViewSetup::new(view.clone()) }];
+        let setup = [ViewSetup { mode, ..ViewSetup::new(view) }];
         let parts: Vec<Part> = if round % 3 == 0 {
             vec![Part::WHOLE]
         } else {

@@ -113,10 +113,10 @@ impl Edges {
         let mut cells = [0; 4];
         let mut bit = 0usize;
         for row in 0..rows {
-            let y = y_sub + ((2 * row + 1) * half_row >> 16) as i32;
+            let y = y_sub + (((2 * row + 1) * half_row) >> 16) as i32;
             let at = each3([0, 1, 2], |k| self.at(k, x_sub, y));
             for column in 0..columns {
-                let x = i64::from((2 * column + 1) * half_column >> 16);
+                let x = i64::from(((2 * column + 1) * half_column) >> 16);
                 let e = each3([0, 1, 2], |k| at[k] + self.a[k] * x);
                 cells[bit / 64] |= u64::from((e[0] | e[1] | e[2]) >= 0) << (bit % 64);
                 bit += 1;
@@ -554,7 +554,7 @@ mod tests {
             for bit in 0..(counts[0] * counts[1]) as usize {
                 let (column, row) = (bit as u32 % counts[0], bit as u32 / counts[0]);
                 // Half cells in 2⁻¹⁶ of a sub-pixel, as they are rounded there.
-                let middle = |k: u32, count: u32| ((2 * k + 1) * ((128 << 16) / count) >> 16) as i32;
+                let middle = |k: u32, count: u32| (((2 * k + 1) * ((128 << 16) / count)) >> 16) as i32;
                 let at = [x + middle(column, counts[0]), y + middle(row, counts[1])];
                 let inside = point_in_triangle(corners.map(|c| c.map(i128::from)), at.map(i128::from));
                 assert_eq!(cells[bit / 64] >> (bit % 64) & 1 != 0, inside, "round {round}, cell {bit} of {counts:?}");

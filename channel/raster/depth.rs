@@ -15,7 +15,6 @@
 use super::coverage::{BLOCK, BLOCKS_PER_ROW};
 use crate::geometry::setup::{Plane, Triangle};
 use crate::samples::{Pattern, SUBPIXELS};
-use crate::simd::each4;
 use fearless_simd::{Simd, f32x16, f64x8, prelude::*};
 use proto::frame::TILE;
 
@@ -224,7 +223,9 @@ impl BlockDepth {
         const ROWS: [f32; 16] = [0., 0., 0., 0., 0., 0., 0., 0., 1., 1., 1., 1., 1., 1., 1., 1.];
         let along = f32x16::simd_from(simd, COLUMNS) * self.steps[0];
         let rows = f32x16::simd_from(simd, ROWS);
-        each4([0.0f32, 2.0, 4.0, 6.0], |first| along + (rows + first) * self.steps[1])
+        // Not with a closure: at some levels it would be a function without the level's instructions.
+        let down = self.steps[1];
+        [along + rows * down, along + (rows + 2.0) * down, along + (rows + 4.0) * down, along + (rows + 6.0) * down]
     }
 }
 

@@ -102,8 +102,9 @@ impl BoxExtent {
             let pick = |axis: usize| if k >> axis & 1 == 0 { low[axis] } else { high[axis] };
             let turned = item.linear * DVec3::new(pick(0), pick(1), pick(2));
             let point = camera.view_point(turned + item.relative);
-            // So written, a NaN isn't judged.
-            if !(point.w > camera.near) {
+            // A NaN isn't, and isn't judged.
+            let is_ahead = point.w > camera.near;
+            if !is_ahead {
                 return None;
             }
             (nearest, farthest) = (nearest.min(point.w), farthest.max(point.w));
@@ -113,7 +114,8 @@ impl BoxExtent {
         }
         let off = ROUNDING * magnitude;
         let nearest = nearest - off;
-        if !(nearest > camera.near && farthest.is_finite()) {
+        let is_ahead = nearest > camera.near && farthest.is_finite();
+        if !is_ahead {
             return None;
         }
         let [span_x, span_y] = camera.spans();
@@ -145,5 +147,5 @@ impl BoxExtent {
 fn pixels([from, to]: [f64; 2], span: f64, size: u32, off: f64) -> Option<[f64; 2]> {
     let per = f64::from(size) / span;
     let margin = off * per;
-    (margin < 1.0).then(|| [from * per - margin - 0.25, to * per + margin + 0.25])
+    (margin < 1.0).then_some([from * per - margin - 0.25, to * per + margin + 0.25])
 }

@@ -2,7 +2,7 @@
 //! 3.4 and 4.4).
 //!
 //! Three steps. How many display elements does the entity's critical radius span from here ([`elements`], the report's
-//! detail control parameter N_e)? What does the table say to that number ([`LevelTable::weights`])? And which models
+//! detail control parameter `N_e`)? What does the table say to that number ([`LevelTable::weights`])? And which models
 //! must boards be told of ([`Detail::select`])?
 //!
 //! Weights are multiples of 1/65 536, so that those of two versions sum up to exactly 1 in f32 and an eye that hardly moves changes
@@ -85,7 +85,7 @@ impl LevelTable {
 pub struct Feature {
     /// Its middle, world.
     pub centre: DVec3,
-    /// Critical radius r_c, m; 0 if there is nothing.
+    /// Critical radius `r_c`, m; 0 if there is nothing.
     pub radius: f64,
     /// Set for a feature on the ground.
     pub lying: Option<Lying>,
@@ -94,15 +94,15 @@ pub struct Feature {
 /// The shape of a feature on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lying {
-    /// Long radius r_l, m.
+    /// Long radius `r_l`, m.
     pub long: f64,
-    /// Short radius r_s, m.
+    /// Short radius `r_s`, m.
     pub short: f64,
     /// Unit vector along the long axis: east, south.
     pub axis: DVec2,
 }
 
-/// K_LOD: how many display elements an object spans whose critical radius is as large as its distance. That of the view with
+/// `K_LOD`: how many display elements an object spans whose critical radius is as large as its distance. That of the view with
 /// the smallest elements, since all views of an eye show one level (lod.md, "Overload").
 pub fn display_factor<'a>(views: impl IntoIterator<Item = &'a View>) -> f64 {
     let factor = |view: &View| {
@@ -112,13 +112,14 @@ pub fn display_factor<'a>(views: impl IntoIterator<Item = &'a View>) -> f64 {
     views.into_iter().map(factor).fold(1.0, f64::max)
 }
 
-/// The detail control parameter N_e: the display elements that the feature's critical radius spans, 0 to infinity and never
+/// The detail control parameter `N_e`: the display elements that the feature's critical radius spans, 0 to infinity and never
 /// NaN. Infinite on and within the feature, and wherever a coordinate is no number: full detail is never wrong.
 pub fn elements(feature: &Feature, eye: DVec3, display_factor: f64, visibility_m: Option<f64>) -> f64 {
     let sight = feature.centre - eye;
     let slant = sight.length();
-    // So written, a slant range that is NaN is "within".
-    if !(slant > feature.radius) {
+    // A slant range that is NaN is "within".
+    let is_outside = slant > feature.radius;
+    if !is_outside {
         return f64::INFINITY;
     }
     let spanned = match feature.lying {
@@ -136,7 +137,7 @@ pub fn elements(feature: &Feature, eye: DVec3, display_factor: f64, visibility_m
 }
 
 impl Lying {
-    /// r_e for a line of sight with this ground track. Its length doesn't matter; without any, all directions are as good.
+    /// `r_e` for a line of sight with this ground track. Its length doesn't matter; without any, all directions are as good.
     fn effective_radius(&self, track: DVec2) -> f64 {
         let Some(track) = track.try_normalize() else { return self.long };
         let (cos, sin) = (track.dot(self.axis), track.perp_dot(self.axis));

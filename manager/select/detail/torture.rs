@@ -70,8 +70,8 @@ fn at_no_distance_detail_is_full() {
     );
 }
 
-/// N_e over a runway by its definition (seed 004, 3.4), from the angle itself: how much the near half subtends that reaches
-/// r_e towards the eye along the ground, seen from a height H at a ground range R_g.
+/// `N_e` over a runway by its definition (seed 004, 3.4), from the angle itself: how much the near half subtends that reaches
+/// `r_e` towards the eye along the ground, seen from a height H at a ground range `R_g`.
 fn by_angles(feature: &Feature, eye: DVec3) -> f64 {
     let lying = feature.lying.unwrap();
     let sight = feature.centre - eye;
