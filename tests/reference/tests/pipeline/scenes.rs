@@ -397,7 +397,7 @@ fn what_stands_on_a_shared_plane_agrees_in_every_pixel() {
         assert!(!scene.table.planes.is_empty());
         // From well above to nearly in the plane, where faces are slivers a hundredth of a pixel wide. There none is
         // cut, for a cut sliver's outline may cross itself, and nothing is faded: where a rounded corner lies beyond
-        // the plane's horizon, the pipeline fades by the corners' distances.
+        // the plane's horizon, a pixel in some of these rounds is still faded differently.
         let height = [0.3, 0.03, 1e-3, 1e-6][round % 4] * random.between(0.1, 1.0);
         let is_edge_on = round % 4 == 3;
         let distance = [if is_edge_on { 100.0 } else { 30.0 }, 300.0, 3000.0][round % 3];
