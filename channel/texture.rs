@@ -179,15 +179,9 @@ impl Level {
         self.texel(u((x >> FRACTION_BITS) as i32), v((y >> FRACTION_BITS) as i32))
     }
 
-    /// The sum over a grid, linear, and of how many places; with `MASKED` those of `cells` alone.
+    /// The sum over a grid, and of how many places; with `MASKED` those of `cells` alone.
     #[inline(always)]
-    fn sum<const MASKED: bool>(
-        &self,
-        u: &impl Fn(i32) -> usize,
-        v: &impl Fn(i32) -> usize,
-        grid: &Grid,
-        cells: &[u64; 4],
-    ) -> ([f32; 4], u32) {
+    fn sum<const MASKED: bool>(grid: &Grid, cells: &[u64; 4], texel: impl Fn(i64, i64) -> [f32; 4]) -> ([f32; 4], u32) {
         let mut sum = [0.0f32; 4];
         let mut count = 0;
         let mut bit = 0usize;
@@ -196,7 +190,7 @@ impl Level {
             let (mut x, mut y) = (row_x, row_y);
             for _ in 0..grid.counts[0] {
                 if !MASKED || cells[bit / 64] >> (bit % 64) & 1 != 0 {
-                    let texel = self.bilinear(u, v, x, y);
+                    let texel = texel(x, y);
                     sum = each4([0, 1, 2, 3], |k| sum[k] + texel[k]);
                     count += 1;
                 }
@@ -208,40 +202,24 @@ impl Level {
         (sum, count)
     }
 
-    /// The same, by the quickest way to find texels that will do.
+    /// The same of texels mixed by fours, by the quickest way to find them that will do.
     #[inline(always)]
     fn sum_linear<const MASKED: bool>(&self, axes: &[Axis; 2], grid: &Grid, cells: &[u64; 4]) -> ([f32; 4], u32) {
         let is_masked = |a: &Axis| a.is_power_of_two && a.wrap == Wrap::Repeat;
         if grid.is_within([self.width, self.height]) {
-            self.sum::<MASKED>(&|i| i as usize, &|i| i as usize, grid, cells)
+            Self::sum::<MASKED>(grid, cells, |x, y| self.bilinear(&|i| i as usize, &|i| i as usize, x, y))
         } else if is_masked(&axes[0]) && is_masked(&axes[1]) {
             let (mask_u, mask_v) = (axes[0].side - 1, axes[1].side - 1);
-            self.sum::<MASKED>(&|i| (i & mask_u) as usize, &|i| (i & mask_v) as usize, grid, cells)
+            let (u, v) = (|i| (i & mask_u) as usize, |i| (i & mask_v) as usize);
+            Self::sum::<MASKED>(grid, cells, |x, y| self.bilinear(&u, &v, x, y))
         } else {
-            self.sum::<MASKED>(&|i| axes[0].texel(i), &|i| axes[1].texel(i), grid, cells)
+            Self::sum::<MASKED>(grid, cells, |x, y| self.bilinear(&|i| axes[0].texel(i), &|i| axes[1].texel(i), x, y))
         }
     }
 
-    /// The same for a filter that doesn't mix.
+    /// The same of the nearest texels.
     fn sum_nearest(&self, axes: &[Axis; 2], grid: &Grid, cells: &[u64; 4]) -> ([f32; 4], u32) {
-        let mut sum = [0.0f32; 4];
-        let mut count = 0;
-        let mut bit = 0usize;
-        let [mut row_x, mut row_y] = grid.first;
-        for _ in 0..grid.counts[1] {
-            let (mut x, mut y) = (row_x, row_y);
-            for _ in 0..grid.counts[0] {
-                if cells[bit / 64] >> (bit % 64) & 1 != 0 {
-                    let texel = self.nearest(&|i| axes[0].texel(i), &|i| axes[1].texel(i), x, y);
-                    sum = each4([0, 1, 2, 3], |k| sum[k] + texel[k]);
-                    count += 1;
-                }
-                bit += 1;
-                (x, y) = (x + grid.column_step[0], y + grid.column_step[1]);
-            }
-            (row_x, row_y) = (row_x + grid.row_step[0], row_y + grid.row_step[1]);
-        }
-        (sum, count)
+        Self::sum::<true>(grid, cells, |x, y| self.nearest(&|i| axes[0].texel(i), &|i| axes[1].texel(i), x, y))
     }
 
     /// One place, as this filter reads it.

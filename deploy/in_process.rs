@@ -1,7 +1,9 @@
 //! A manager's selection and one renderer in this process: what `render` and `bench` draw with, the same stages that a
 //! rig runs, without a network.
 
+use crate::cli::AirArgs;
 use crate::error::CommandError;
+use crate::{rig_file, settings};
 use channel::pipeline::{DrawStats, Renderer, TilePictures};
 use channel::store::SceneStore;
 use glam::{DQuat, DVec3};
@@ -9,8 +11,9 @@ use manager::host::camera::CameraPose;
 use manager::scene::{Entities, Scene};
 use manager::select::{Detail, DetailMode, LevelTable, Selection, Selector, detail};
 use proto::frame::{FrameState, Moved, VersionWeights};
+use proto::ids::{Epoch, FrameNumber};
 use proto::share::Part;
-use proto::view::{Pose, View};
+use proto::view::{Pose, Samples, View};
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
@@ -19,8 +22,7 @@ pub(crate) struct InProcess<'a> {
     scene: &'a Scene,
     store: SceneStore,
     renderer: Renderer,
-    /// `None`: everything at its finest.
-    detail: Option<Detail>,
+    detail: Detail,
     weights: Vec<VersionWeights>,
     selector: Selector,
     pub selection: Selection,
@@ -45,7 +47,7 @@ impl<'a> InProcess<'a> {
         store.set_table(scene.table.clone()).map_err(said)?;
         let renderer = Renderer::new(threads).map_err(said)?;
         let (selector, selection) = (Selector::new(), Selection::default());
-        let detail = (detail == DetailMode::Auto).then(|| Detail::new(scene, LevelTable::default()));
+        let detail = Detail::new(scene, detail, LevelTable::default());
         Ok(Self { scene, store, renderer, detail, weights: Vec::new(), selector, selection, select_ms: 0.0 })
     }
 
@@ -63,14 +65,8 @@ impl<'a> InProcess<'a> {
         self.store.set_moved(&moved).map_err(said)?;
         let given = self.scene.version_weights(&pose.versions).map_err(said)?;
         let visibility = state.environment.visibility_m;
-        match &self.detail {
-            None => self.weights = given,
-            Some(detail) => {
-                let factor = detail::display_factor([view]);
-                let (eye, out) = (state.eye.position, &mut self.weights);
-                detail.select(self.scene, &entities, &given, eye, factor, visibility, out);
-            }
-        }
+        let (factor, eye) = (detail::display_factor([view]), state.eye.position);
+        self.detail.select(self.scene, &entities, &given, eye, factor, visibility, &mut self.weights);
         self.store.set_weights(&self.weights).map_err(said)?;
         self.selector.select(self.scene, &entities, &self.weights, state.eye, view, visibility, &mut self.selection);
         self.select_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -100,4 +96,28 @@ pub(crate) fn placed(scene: &Scene, pose: &CameraPose) -> Result<Entities, Comma
         entities.set(scene, node, at.map_err(said)?);
     }
     Ok(entities)
+}
+
+/// What is drawn of a pose: frame 0, the whole of one view.
+pub(crate) fn look(
+    pose: &CameraPose,
+    (width, height): (u32, u32),
+    air: &AirArgs,
+    samples: Samples,
+) -> Result<(FrameState, View), CommandError> {
+    let view = View {
+        offset: Pose::IDENTITY,
+        tangents: pose.lens(width, height),
+        width,
+        height,
+        near: View::NEAR_DEFAULT,
+        samples,
+    };
+    let state = FrameState {
+        frame: FrameNumber(0),
+        epoch: Epoch(1),
+        eye: pose.pose().map_err(said)?,
+        environment: settings::environment(air, &rig_file::Air::default())?,
+    };
+    Ok((state, view))
 }

@@ -3,10 +3,10 @@
 
 use crate::cli::RenderArgs;
 use crate::error::CommandError;
-use crate::in_process::InProcess;
+use crate::in_process::{InProcess, look};
 use crate::output::say;
 use crate::serve::processors;
-use crate::{settings, source};
+use crate::source;
 use bytes::Bytes;
 use channel::pipeline::{DrawStats, TilePictures};
 use compositor::sinks::{FileKind, Picture};
@@ -14,10 +14,10 @@ use compositor::stitch::Stitcher;
 use manager::host::camera::CameraPose;
 use manager::select::Counters;
 use proto::frame::{FrameState, PixelFormat};
-use proto::ids::{BoardId, BoardKey, Epoch, FrameNumber};
+use proto::ids::{BoardId, BoardKey, FrameNumber};
 use proto::message::Swap;
 use proto::share::shares;
-use proto::view::{Pose, Samples, View, ViewSetup};
+use proto::view::{Samples, ViewSetup};
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
@@ -34,20 +34,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), CommandError> {
         return Err(CommandError::said(format!("--pose {}: the camera has poses 0 to {}", args.pose, count - 1)));
     };
     let (width, height) = args.size;
-    let view = View {
-        offset: Pose::IDENTITY,
-        tangents: pose.lens(width, height),
-        width,
-        height,
-        near: View::NEAR_DEFAULT,
-        samples: args.samples,
-    };
-    let state = FrameState {
-        frame: FrameNumber(args.pose as u64),
-        epoch: Epoch(1),
-        eye: pose.pose().map_err(|error| CommandError::said(error.to_string()))?,
-        environment: settings::environment(&args.air, &crate::rig_file::Air::default())?,
-    };
+    let (mut state, view) = look(pose, args.size, &args.air, args.samples)?;
+    state.frame = FrameNumber(args.pose as u64);
     let threads = args.threads.unwrap_or_else(processors);
     let mut drawer = InProcess::new(&source.scene, threads, args.detail.into())?;
     drawer.renderer().set_simd(args.simd.unwrap_or_default());

@@ -282,6 +282,29 @@ mod tests {
     }
 
     #[test]
+    fn items_in_turn_are_begun_in_their_order() {
+        for threads in [1, 2, 3, 7] {
+            let mut pool = pool(threads);
+            let begun = AtomicUsize::new(0);
+            let mut ranks = vec![usize::MAX; 200];
+            let mut own: Vec<Vec<usize>> = vec![Vec::new(); threads];
+            let mut items: Vec<(usize, &mut usize)> = ranks.iter_mut().enumerate().collect();
+            pool.for_each_in_turn(&mut own, &mut items, |own, (item, rank)| {
+                own.push(*item);
+                **rank = begun.fetch_add(1, Ordering::Relaxed);
+            });
+            drop(items);
+            assert!(own.iter().all(|own| own.is_sorted()), "{threads} threads");
+            assert_eq!(own.iter().map(Vec::len).sum::<usize>(), 200, "{threads} threads");
+            // Between threads only that each takes the next is sure, not who then is quicker.
+            assert!(threads > 1 || ranks.is_sorted());
+            let mut sorted = ranks;
+            sorted.sort_unstable();
+            assert!(sorted.into_iter().eq(0..200), "each once");
+        }
+    }
+
+    #[test]
     fn many_short_rounds_follow_one_another() {
         let mut pool = pool(3);
         let mut sums = [0u64; 3];

@@ -104,20 +104,11 @@ impl Entrant {
             How::Memory => (Renderer::Memory, None),
         };
         Row {
-            scene: self.scene.clone(),
-            renderer,
             variant: self.variant.clone(),
             size: [args.size.0, args.size.1],
-            samples,
             threads: self.threads.get(),
-            poses: self.times.len(),
-            ms: Spread::of(&self.times),
-            instructions: None,
             work: (!self.draws.is_empty()).then(|| work(&self.draws, self.culled, self.threads.get() as u64)),
-            rms_edges: None,
-            rms_all: None,
-            max_all: None,
-            errors_255: None,
+            ..Row::timed(&self.scene, renderer, samples, &self.times)
         }
     }
 }

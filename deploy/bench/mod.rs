@@ -16,13 +16,8 @@ pub(crate) use flight::flight;
 pub(crate) use peer::peer;
 pub(crate) use pixels::pixels;
 
-use crate::cli::AirArgs;
-use crate::error::CommandError;
-use crate::{rig_file, settings};
+use crate::in_process::look;
 use manager::host::camera::{CameraFile, CameraPose};
-use proto::frame::FrameState;
-use proto::ids::{Epoch, FrameNumber};
-use proto::view::{Pose, Samples, View};
 use std::num::NonZeroUsize;
 
 /// The background of both sides when there is a peer, linear: that of `llvmpipe.py`, which the peer is checked against.
@@ -34,28 +29,4 @@ fn spread(camera: &CameraFile, count: NonZeroUsize) -> Vec<&CameraPose> {
     let all = &camera.poses;
     let count = count.get().min(all.len());
     (0..count).map(|k| &all[k * all.len() / count]).collect()
-}
-
-/// What is drawn of a pose.
-fn look(
-    pose: &CameraPose,
-    (width, height): (u32, u32),
-    air: &AirArgs,
-    samples: Samples,
-) -> Result<(FrameState, View), CommandError> {
-    let view = View {
-        offset: Pose::IDENTITY,
-        tangents: pose.lens(width, height),
-        width,
-        height,
-        near: View::NEAR_DEFAULT,
-        samples,
-    };
-    let state = FrameState {
-        frame: FrameNumber(0),
-        epoch: Epoch(1),
-        eye: pose.pose().map_err(|error| CommandError::said(error.to_string()))?,
-        environment: settings::environment(air, &rig_file::Air::default())?,
-    };
-    Ok((state, view))
 }

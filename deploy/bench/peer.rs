@@ -5,8 +5,8 @@ use crate::cli::PeerArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
 use crate::source;
+use ::bench::Report;
 use ::bench::pixels::{Renderer, Row, Sampling, table};
-use ::bench::{Report, Spread};
 use ::peer::protocol::{Child, ChildError, Reply, serve};
 use ::peer::{Look, Peer};
 use proto::frame::{Background, FrameState};
@@ -93,21 +93,11 @@ fn alone(args: &PeerArgs) -> Result<(), CommandError> {
             }
             times.push(child.draw(&look).map_err(failed)?.ms);
         }
+        let sampling = Some(Sampling::Points(samples));
         rows.push(Row {
-            scene: args.scene.clone(),
-            renderer: Renderer::Llvmpipe,
-            variant: None,
             size: [args.size.0, args.size.1],
-            samples: Some(Sampling::Points(samples)),
             threads: args.threads.get(),
-            poses: times.len(),
-            ms: Spread::of(&times),
-            instructions: None,
-            work: None,
-            rms_edges: None,
-            rms_all: None,
-            max_all: None,
-            errors_255: None,
+            ..Row::timed(&args.scene, Renderer::Llvmpipe, sampling, &times)
         });
     }
     if args.json {

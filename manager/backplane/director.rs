@@ -82,7 +82,7 @@ impl Director {
             (name_hash(name), (id, versions))
         });
         let models = models.collect();
-        let detail = Detail::new(&stage.scene, LevelTable::default());
+        let detail = Detail::new(&stage.scene, stage.detail, LevelTable::default());
         Self {
             stage,
             entities,
@@ -151,16 +151,10 @@ impl Director {
     /// Makes the lists of all views for the present eye and entities. Returns the counts, one entry per view.
     pub(crate) fn select(&mut self) -> impl Iterator<Item = Counters> {
         self.entities.moved(&mut self.moved);
-        let Stage { scene, views, environment, detail, eye, .. } = &self.stage;
-        match detail {
-            DetailMode::Finest => self.weights.clone_from(&self.given),
-            DetailMode::Auto => {
-                let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
-                let visibility = environment.visibility_m;
-                let (given, out) = (&self.given, &mut self.weights);
-                self.detail.select(scene, &self.entities, given, eye.position, factor, visibility, out);
-            }
-        }
+        let Stage { scene, views, environment, eye, .. } = &self.stage;
+        let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
+        let (given, out) = (&self.given, &mut self.weights);
+        self.detail.select(scene, &self.entities, given, eye.position, factor, environment.visibility_m, out);
         let mut counts = Vec::with_capacity(self.stage.views.len());
         for (i, setup) in self.stage.views.iter().enumerate() {
             let Stage { scene, eye, environment, .. } = &self.stage;

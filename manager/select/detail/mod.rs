@@ -159,6 +159,7 @@ fn visible(distance: f64, visibility_m: Option<f64>) -> f64 {
 /// Selects the versions of a scene's models. Made for one scene and used with that one only.
 #[derive(Clone, Debug)]
 pub struct Detail {
+    mode: DetailMode,
     table: LevelTable,
     /// By model: what is asked of it where the file puts it. `None`: a merged part of one mesh, which has no levels.
     at_rest: Vec<Option<Feature>>,
@@ -166,14 +167,14 @@ pub struct Detail {
 
 impl Detail {
     /// For `scene`.
-    pub fn new(scene: &Scene, table: LevelTable) -> Self {
+    pub fn new(scene: &Scene, mode: DetailMode, table: LevelTable) -> Self {
         let entities = Entities::new(scene);
         let at_rest = scene.models.iter().map(|model| model.only.is_none().then(|| feature(scene, &entities, model)));
-        Self { at_rest: at_rest.collect(), table }
+        Self { mode, at_rest: at_rest.collect(), table }
     }
 
     /// How the models are mixed for an eye at `eye`, by ascending model: as the host wants those in `given` (ascending too), the others
-    /// by the table. Models that show their finest version alone are left out, unless the host names them. Replaces the
+    /// by the table, or at their finest. Models that show their finest version alone are left out, unless the host names them. Replaces the
     /// content of `out`.
     pub fn select(
         &self,
@@ -185,6 +186,11 @@ impl Detail {
         visibility_m: Option<f64>,
         out: &mut Vec<VersionWeights>,
     ) {
+        if self.mode == DetailMode::Finest {
+            out.clear();
+            out.extend_from_slice(given);
+            return;
+        }
         let model_of = |object| scene.node(scene.object(object).node).model;
         let moved: BTreeSet<ModelId> = entities.objects().iter().filter_map(|moved| model_of(moved.object)).collect();
         let mut given = given.iter().peekable();

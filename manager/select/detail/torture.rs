@@ -261,7 +261,8 @@ fn scene(extras: Extras, levels: u32) -> Scene {
 
 fn shown(scene: &Scene, entities: &Entities, given: &[VersionWeights], eye: DVec3) -> Option<Vec<f32>> {
     let mut out = vec![VersionWeights { model: ModelId(7), weights: Vec::new() }];
-    Detail::new(scene, LevelTable::default()).select(scene, entities, given, eye, FACTOR, None, &mut out);
+    Detail::new(scene, DetailMode::Auto, LevelTable::default())
+        .select(scene, entities, given, eye, FACTOR, None, &mut out);
     assert!(out.len() <= 1);
     out.pop().map(|found| found.weights)
 }
@@ -271,7 +272,7 @@ fn a_model_is_shown_by_what_its_radius_spans_wherever_it_was_moved() {
     let said = Extras { critical_radius: Some(2.0), ..Extras::default() };
     let scene = scene(said, 3);
     let still = Entities::new(&scene);
-    let middle = Detail::new(&scene, LevelTable::default()).at_rest[0].unwrap().centre;
+    let middle = Detail::new(&scene, DetailMode::Auto, LevelTable::default()).at_rest[0].unwrap().centre;
     // So far away that K r_c / R_s is 6.75: three quarters of level 2, a quarter of level 3.
     let distance = FACTOR * 2.0 / 6.75;
     assert_eq!(shown(&scene, &still, &[], middle + DVec3::Y * distance), Some(vec![0.25, 0.75, 0.0]));

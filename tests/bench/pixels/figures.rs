@@ -176,25 +176,10 @@ impl<'a> Look<'a> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::Spread;
 
     pub(crate) fn row(scene: &str, renderer: Renderer, samples: Option<Sampling>, threads: usize, ms: f64) -> Row {
-        Row {
-            scene: scene.into(),
-            renderer,
-            variant: None,
-            size: SIZE,
-            samples,
-            threads,
-            poses: 3,
-            ms: Spread { min: ms / 2.0, median: ms, max: ms * 2.0 },
-            instructions: None,
-            work: None,
-            rms_edges: None,
-            rms_all: None,
-            max_all: None,
-            errors_255: None,
-        }
+        let times = [ms / 2.0, ms, ms * 2.0];
+        Row { size: SIZE, threads, ..Row::timed(scene, renderer, samples, &times) }
     }
 
     /// Rows of a run in which every figure can be told.

@@ -95,6 +95,28 @@ pub struct Row {
     pub errors_255: Option<Errors255>,
 }
 
+impl Row {
+    /// A row of which nothing but the times is known yet; not of none.
+    pub fn timed(scene: &str, renderer: Renderer, samples: Option<Sampling>, times_ms: &[f64]) -> Self {
+        Self {
+            scene: scene.into(),
+            renderer,
+            variant: None,
+            size: [0; 2],
+            samples,
+            threads: 1,
+            poses: times_ms.len(),
+            ms: Spread::of(times_ms),
+            instructions: None,
+            work: None,
+            rms_edges: None,
+            rms_all: None,
+            max_all: None,
+            errors_255: None,
+        }
+    }
+}
+
 /// Where time went, and what was skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Work {
