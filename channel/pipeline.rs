@@ -13,6 +13,7 @@ use crate::exact::stage::{ExactScratch, integrate_tile};
 use crate::frame::{Frame, RUN_TRIANGLES_MAX, RUNS_MAX, triangle_number};
 use crate::geometry::camera::Camera;
 use crate::geometry::clip::CORNERS_MAX;
+use crate::geometry::coarse::Coarse;
 use crate::geometry::transform::{GeometryCounts, GeometryRun, Item};
 use crate::lights::Light;
 use crate::raster::bins::{RunBins, TileMap};
@@ -24,10 +25,10 @@ use crate::resolve::tile::{ResolveCounts, ResolveScratch, Resolved, TileOutput, 
 use crate::room::{emptied, room, share_room};
 use crate::samples::Pattern;
 use crate::shade::tile::TileFaces;
-use crate::simd::SimdLevel;
+use crate::simd::{SimdLevel, at_level};
 use crate::store::SceneStore;
 use crate::translucency::gather::{TileLayers, gather};
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::Simd;
 use pool::Pool;
 use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
 use proto::ids::SubobjectId;
@@ -182,6 +183,9 @@ impl TilePictures {
 pub struct Skips {
     /// Subobjects behind faces that cover their tiles, or in no tile of this board, by their boxes and before a vertex is touched.
     pub hidden: bool,
+    /// Back faces of single-sided surfaces, before they become triangles; if not, after it is known which pixels they cover. With
+    /// [`proto::view::Samples::Exact`] always.
+    pub back_faces: bool,
     /// Triangles behind what is already drawn, block by block and tile by tile.
     pub occluded: bool,
     /// Pixels that one face fills: taken many at a time and shaded once, not looked at sample by sample.
@@ -192,7 +196,7 @@ pub struct Skips {
 
 impl Default for Skips {
     fn default() -> Self {
-        Self { hidden: true, occluded: true, single: true, opaque_tiles: true }
+        Self { hidden: true, back_faces: true, occluded: true, single: true, opaque_tiles: true }
     }
 }
 
@@ -240,6 +244,7 @@ pub struct Renderer {
     fronts: TileFronts,
     level: SimdLevel,
     skips: Skips,
+    coarse: Coarse,
     /// One per thread.
     scratch: Vec<TileScratch>,
     /// Which items a run has.
@@ -301,6 +306,7 @@ impl Renderer {
             fronts: TileFronts::default(),
             level: SimdLevel::best(),
             skips: Skips::default(),
+            coarse: Coarse::default(),
             scratch: (0..count).map(|_| TileScratch::default()).collect(),
             ranges: Vec::new(),
             lights: Vec::new(),
@@ -319,6 +325,11 @@ impl Renderer {
     /// Leaves out what `skips` says from now on.
     pub fn set_skips(&mut self, skips: Skips) {
         self.skips = skips;
+    }
+
+    /// Puts vertices on the screen that way from now on; pictures depend on it.
+    pub fn set_coarse(&mut self, coarse: Coarse) {
+        self.coarse = coarse;
     }
 
     /// Number of threads.
@@ -388,7 +399,7 @@ impl Renderer {
         let (bins, level, skips) = (&self.bins[..runs], self.level.level(), self.skips);
         self.pool.for_each(&mut self.scratch, &mut jobs, |scratch, job| {
             let begun = Instant::now();
-            dispatch!(level, simd => draw_tile(simd, &frame, bins, skips, scratch, job));
+            at_level!(level, simd => draw_tile(simd, &frame, bins, skips, scratch, job));
             scratch.busy_ns += nanoseconds(begun);
         });
         for job in &jobs {
@@ -438,6 +449,7 @@ impl Renderer {
         }));
         self.fronts.clear(self.map.bins());
         let (map, fronts, level) = (&self.map, &self.fronts, self.level.level());
+        let (keeps_back, coarse) = (!self.skips.back_faces && !pattern.is_exact(), self.coarse);
         // Areas also ask for what is a little beside a tile's points.
         let looks = self.skips.hidden && !pattern.is_exact();
         let is_hidden = |item: &Item<'_>| {
@@ -452,7 +464,8 @@ impl Renderer {
         self.pool.for_each_in_turn(&mut self.scratch, &mut jobs, |scratch, RunJob { range, run, bins }| {
             let begun = Instant::now();
             let own = &items[range.clone()];
-            dispatch!(level, simd => {
+            at_level!(level, simd => {
+                (run.keeps_back, run.coarse) = (keeps_back, coarse);
                 run.fill(simd, camera, pattern, visibility_m, own, range.start, is_hidden);
                 bins.fill(pattern, map, fronts, &run.triangles, |t| items[t.item as usize].is_fragments());
             });

@@ -1,6 +1,6 @@
 //! The instruction sets that pixels can be made with, and the choice of one.
 //!
-//! Every kernel is one generic body over `fearless_simd`'s token, compiled for each level and entered by one dispatch per run
+//! Every kernel is one generic body over `fearless_simd`'s token, compiled for each level and entered by one [`at_level`] per run
 //! of geometry and per tile. All levels give the same bits: kernels use + − × ÷ √, comparisons and integers only, no fused
 //! multiply-add, no approximate reciprocals, no sums whose order depends on a width. `scalar` is the twin that the others are
 //! tested against.
@@ -9,6 +9,34 @@ use fearless_simd::Level;
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
+
+/// Runs a kernel at a [`Level`]: `at_level!(level, simd => kernel(simd, …))`. `fearless_simd`'s own dispatch would compile it for SSE2 as
+/// well, a fifth more to build for machines older than 2008; those are served by `scalar`.
+macro_rules! at_level {
+    ($level:expr, $simd:ident => $kernel:expr) => {
+        match $level {
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            fearless_simd::Level::Sse4_2(token) => $crate::simd::at_level!(@with token, $simd => $kernel),
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            fearless_simd::Level::Avx2(token) => $crate::simd::at_level!(@with token, $simd => $kernel),
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            fearless_simd::Level::Avx512(token) => $crate::simd::at_level!(@with token, $simd => $kernel),
+            #[cfg(target_arch = "aarch64")]
+            fearless_simd::Level::Neon(token) => $crate::simd::at_level!(@with token, $simd => $kernel),
+            fearless_simd::Level::Fallback(token) => $crate::simd::at_level!(@with token, $simd => $kernel),
+            _ => unreachable!("levels come from `SimdLevel::all`"),
+        }
+    };
+    (@with $token:ident, $simd:ident => $kernel:expr) => {{
+        let $simd = $token;
+        fearless_simd::Simd::vectorize(
+            $simd,
+            #[inline(always)]
+            || $kernel,
+        )
+    }};
+}
+pub(crate) use at_level;
 
 /// `array.map`, inlined for sure. The standard one is a function of its own that doesn't have the features of the level it is called
 /// from: closures with vectors in them would then run without, through memory.
@@ -65,7 +93,6 @@ impl SimdLevel {
         #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
         {
             let named = |name, level: Option<Level>| level.map(|level| Self { name, level });
-            all.extend(named("sse2", best.as_sse2().map(Level::Sse2)));
             all.extend(named("sse4.2", best.as_sse4_2().map(Level::Sse4_2)));
             all.extend(named("avx2", best.as_avx2().map(Level::Avx2)));
             all.extend(named("avx512", best.as_avx512().map(Level::Avx512)));

@@ -79,8 +79,17 @@ pub struct VersionWeights {
     pub weights: Vec<f32>,
 }
 
-/// Side of a tile, pixels: the grain of shares, of raster work and of change detection.
-pub const TILE: u32 = 32;
+/// Side of a tile, pixels: the grain of shares, of raster work and of change detection. A build for measuring can take 16 or 64, by the
+/// environment variable `CYCLORAMA_TILE`; programs of one rig must be of one build then.
+pub const TILE: u32 = match option_env!("CYCLORAMA_TILE") {
+    Some(side) => match side.as_bytes() {
+        b"16" => 16,
+        b"32" => 32,
+        b"64" => 64,
+        _ => panic!("CYCLORAMA_TILE is none of 16, 32 and 64"),
+    },
+    None => 32,
+};
 
 /// A tile's place in its view: column and row, in tiles from the upper left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Pod, Zeroable)]

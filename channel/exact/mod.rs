@@ -6,8 +6,8 @@
 //! colour is one per pixel, so the integral is a sum of visible areas times colours, and what remains is to find the areas. Four ways,
 //! each taken where the one before doesn't answer:
 //!
-//! 1. `sheet`: opaque faces that share all their edges within the pixel, as a mesh's do away from its outline. Their areas come
-//!    from the edges, without any cutting or order.
+//! 1. `sheet`: faces that share all their edges within the pixel, as a mesh's do away from its outline, or several such sheets one behind the
+//!    other. Their areas come from the edges, without any cutting.
 //! 2. `mosaic`: faces side by side before a sheet or the background, as at a mesh's outline. Areas less the areas of overlaps.
 //! 3. `regions`: faces from front to back, each taking its part of what is left, translucent ones leaving a part. For
 //!    layers, and whatever else has one order.
@@ -16,7 +16,8 @@
 //!
 //! A pixel with versions of models in transition is the weighted mean of pixels without (`versions`).
 //!
-//! A pixel that needs more than a named number of regions or cells is sampled instead (`points`), and counted.
+//! A pixel that needs more than a named number of regions or cells is cut into quarters (`quarters`), and these again; what is still
+//! too much after that is sampled instead (`points`), and counted.
 //!
 //! The colour is a function of the set of faces and the background, to the bit: faces are sorted by what they are before
 //! anything is added, so the order in which they are handed over has no say.
@@ -29,6 +30,7 @@ mod mosaic;
 mod points;
 mod polygon;
 mod prepare;
+mod quarters;
 mod regions;
 mod sheet;
 pub mod stage;
@@ -81,7 +83,7 @@ pub struct ExactFace<'a> {
 pub struct Counts {
     /// Met by no face.
     pub empty: u64,
-    /// By a sheet of faces.
+    /// By sheets of faces, one behind the other.
     pub sheets: u64,
     /// By faces side by side before a sheet or the background.
     pub mosaics: u64,
@@ -89,7 +91,9 @@ pub struct Counts {
     pub regions: u64,
     /// From front to back, with parts that were cut until they had one order.
     pub cells: u64,
-    /// By [`SAMPLES_INSTEAD`] points, because they would have needed more than [`REGIONS_MAX`] or [`CELLS_MAX`].
+    /// In quarters, or quarters of these, because as a whole they would have needed more than [`REGIONS_MAX`] or [`CELLS_MAX`].
+    pub quarters: u64,
+    /// In part by [`SAMPLES_INSTEAD`] points, because some small square of them would still have needed more.
     pub sampled: u64,
     /// As means over versions of models.
     pub versions: u64,
@@ -103,6 +107,7 @@ enum Way {
     Mosaic,
     Regions,
     Cells,
+    Quarters,
     Sampled,
 }
 
@@ -115,11 +120,12 @@ pub struct Integrator {
     mosaic: mosaic::Mosaic,
     regions: regions::Regions,
     cells: cells::Cells,
+    quarters: quarters::Quarters,
     points: points::Points,
     counts: Counts,
 }
 
-room!(Integrator: faces, versions, sheets, regions, cells, points; mosaic, counts);
+room!(Integrator: faces, versions, sheets, regions, cells, quarters, points; mosaic, counts);
 
 impl Integrator {
     /// How the pixels since the beginning were computed.
@@ -134,7 +140,7 @@ impl Integrator {
             self.counts.versions += 1;
             self.mean_of_versions(faces, background)
         } else {
-            self.one(faces, background)
+            self.one(faces, background, 0)
         };
         *match way {
             Way::Empty => &mut self.counts.empty,
@@ -142,6 +148,7 @@ impl Integrator {
             Way::Mosaic => &mut self.counts.mosaics,
             Way::Regions => &mut self.counts.regions,
             Way::Cells => &mut self.counts.cells,
+            Way::Quarters => &mut self.counts.quarters,
             Way::Sampled => &mut self.counts.sampled,
         } += 1;
         colour
@@ -154,7 +161,7 @@ impl Integrator {
             let weight = self.versions.weight();
             if weight > 0.0 {
                 self.faces.set_versions(faces, &self.versions);
-                let (colour, way) = self.one(faces, background);
+                let (colour, way) = self.one(faces, background, 0);
                 for (mean, c) in mean.iter_mut().zip(colour) {
                     *mean += c * weight;
                 }
@@ -166,16 +173,15 @@ impl Integrator {
         }
     }
 
-    /// The pixel of the prepared faces.
+    /// The pixel of the prepared faces, or a square that it was quartered into `depth` times.
     #[inline]
-    fn one(&mut self, faces: &[ExactFace<'_>], background: [f64; 3]) -> ([f64; 3], Way) {
+    fn one(&mut self, faces: &[ExactFace<'_>], background: [f64; 3], depth: usize) -> ([f64; 3], Way) {
         if self.faces.len() == 0 {
             return (background, Way::Empty);
         }
-        if let Some(colour) = self.sheets.colour(faces, &self.faces) {
+        if let Some(colour) = self.sheets.colour(faces, &self.faces, background) {
             return (colour, Way::Sheet);
         }
-        self.faces.set_bounds(faces);
         if !self.faces.has_parts
             && let Ok(Some(colour)) = self.mosaic.colour(faces, &self.faces, &mut self.sheets, background)
         {
@@ -185,7 +191,28 @@ impl Integrator {
         match self.regions.colour(faces, &self.faces, &self.sheets, &mut self.cells, background) {
             Ok(colour) if self.cells.is_used => (colour, Way::Cells),
             Ok(colour) => (colour, Way::Regions),
+            Err(cells::TooMany) if depth < quarters::DEPTH_MAX => self.quartered(faces, background, depth),
             Err(cells::TooMany) => (self.points.colour(faces, &self.faces, background), Way::Sampled),
         }
+    }
+
+    /// The mean of the four quarters.
+    #[inline(never)]
+    fn quartered(&mut self, faces: &[ExactFace<'_>], background: [f64; 3], depth: usize) -> ([f64; 3], Way) {
+        let [mut all, mut part] = self.quarters.take(depth);
+        quarters::present(faces, &self.faces, &mut all);
+        let mut mean = [0.0; 3];
+        let mut longest = Way::Quarters;
+        for number in 0..4 {
+            quarters::quarter(&all, number, &mut part);
+            self.faces.set(&part);
+            let (colour, way) = self.one(&part, background, depth + 1);
+            for (mean, c) in mean.iter_mut().zip(colour) {
+                *mean += 0.25 * c;
+            }
+            longest = longest.max(way);
+        }
+        self.quarters.give(depth, [all, part]);
+        (mean, longest)
     }
 }

@@ -32,7 +32,7 @@ impl Default for Mosaic {
 }
 
 impl Mosaic {
-    /// The pixel's colour if that is all there is in it. The shared edges and the bounds are known, and no face is of a model that
+    /// The pixel's colour if that is all there is in it. The shared edges are known, and no face is of a model that
     /// needs mixing.
     pub(super) fn colour(
         &mut self,

@@ -140,11 +140,13 @@ pub(super) struct Faces {
     count: usize,
     places: Vec<Place>,
     pub(super) has_parts: bool,
-    /// By the order: the least inverse distance of a face, and the largest of those that follow it.
-    bounds: Vec<[f64; 2]>,
+    /// By the order: least and largest inverse distance of a face.
+    ranges: Vec<[f64; 2]>,
+    /// By the order: the largest inverse distance of the faces that follow.
+    after: Vec<f64>,
 }
 
-room!(Faces: prepared, places, bounds; count, has_parts);
+room!(Faces: prepared, places, ranges, after; count, has_parts);
 
 impl Faces {
     /// Of all faces.
@@ -154,6 +156,7 @@ impl Faces {
             self.add(faces, number, face.part.is_some());
         }
         self.sort(faces);
+        self.set_ranges(faces);
     }
 
     /// Of those faces that a choice of versions shows, as if they belonged to no model.
@@ -165,6 +168,7 @@ impl Faces {
             }
         }
         self.sort(faces);
+        self.set_ranges(faces);
     }
 
     fn clear(&mut self) {
@@ -245,22 +249,30 @@ impl Faces {
         self.places[b].order.cmp(&self.places[a].order).then(a.cmp(&b))
     }
 
-    /// Computes how near the faces come, for [`Self::is_in_front_of_all_after`].
-    pub(super) fn set_bounds(&mut self, faces: &[ExactFace<'_>]) {
-        self.bounds.clear();
-        self.bounds.resize(self.len(), [0.0; 2]);
-        let mut after = f64::NEG_INFINITY;
-        for k in (0..self.len()).rev() {
-            let [farthest, nearest] = self.at(k).bounds(&faces[self.at(k).face]);
-            self.bounds[k] = [farthest, after];
-            after = larger(after, nearest);
+    /// Computes how near the faces come, for what is asked below.
+    fn set_ranges(&mut self, faces: &[ExactFace<'_>]) {
+        self.ranges.clear();
+        for place in &self.places {
+            let prepared = &self.prepared[place.index];
+            self.ranges.push(prepared.bounds(&faces[prepared.face]));
         }
+        self.after.clear();
+        self.after.resize(self.ranges.len(), f64::NEG_INFINITY);
+        for k in (1..self.ranges.len()).rev() {
+            self.after[k - 1] = larger(self.after[k], self.ranges[k][1]);
+        }
+    }
+
+    /// Least and largest inverse distance of face k in the order, within the pixel.
+    #[inline]
+    pub(super) fn range(&self, k: usize) -> [f64; 2] {
+        self.ranges[k]
     }
 
     /// Whether face k is in front of all that follow `last` in the order, wherever in the pixel they meet; `last` is k or follows it.
     #[inline]
     pub(super) fn is_in_front_of_all_after(&self, k: usize, last: usize) -> bool {
-        self.bounds[k][0] >= self.bounds[last][1]
+        self.ranges[k][0] >= self.after[last]
     }
 }
 

@@ -79,7 +79,7 @@ impl Sum {
 }
 
 impl Regions {
-    /// The pixel's colour. The shared edges and the bounds are known.
+    /// The pixel's colour. The shared edges are known.
     pub(super) fn colour(
         &mut self,
         faces: &[ExactFace<'_>],

@@ -5,6 +5,9 @@
 //! the number is the same all over the pixel, and equal to the sum of the faces' areas in it. If that is 1 they cover the pixel
 //! and don't overlap, whatever their depths, and the pixel's colour is the sum of area times colour.
 //!
+//! The same holds for a translucent sheet, and for sheets one behind the other: if each has one saturation, every point of the pixel gets the
+//! same part of its light from each, and the pixel's colour is the sum of these parts of the sheets' mean colours.
+//!
 //! The areas come from the edges alone: what lies in the pixel to the right of a face's left edges, less what lies to the right
 //! of its right edges. An edge's share is computed once for both of its faces, and its rounding cancels.
 
@@ -60,7 +63,7 @@ struct Member {
     is_open: bool,
     /// Its area in the pixel, pixels²; if it is open, not all of it.
     area: f64,
-    /// The last sheet that it was found to be in, by its first face.
+    /// The last sheet that it was found to be in, by number.
     sheet: u32,
 }
 
@@ -74,19 +77,22 @@ pub(super) struct Sheets {
     heads: [u32; CHAINS],
     /// The faces of the sheet that was found last, in an order that the faces decide.
     found: Vec<u32>,
+    /// Number of that sheet.
+    sheet: u32,
 }
 
-room!(Sheets: members, halves, found; heads);
+room!(Sheets: members, halves, found; heads, sheet);
 
 impl Default for Sheets {
     fn default() -> Self {
-        Self { members: Vec::new(), halves: Vec::new(), heads: [NONE; CHAINS], found: Vec::new() }
+        Self { members: Vec::new(), halves: Vec::new(), heads: [NONE; CHAINS], found: Vec::new(), sheet: 0 }
     }
 }
 
 impl Sheets {
     /// Finds the shared edges.
     fn set(&mut self, faces: &[ExactFace<'_>], order: &Faces) {
+        self.sheet = 0;
         self.halves.clear();
         self.heads = [NONE; CHAINS];
         self.members.clear();
@@ -165,24 +171,26 @@ impl Sheets {
         self.found.iter().map(|k| *k as usize)
     }
 
-    /// Whether the faces that are connected with face `first` through shared edges are opaque, cover the pixel without overlap,
-    /// and hide all other faces from `first` on in the order.
-    #[inline]
-    pub(super) fn covers_from(&mut self, faces: &[ExactFace<'_>], order: &Faces, first: usize) -> bool {
-        let sheet = first as u32;
+    /// Finds the faces that are connected with face `first` through shared edges. Returns whether they cover the pixel without overlap,
+    /// all have one saturation, and none is of a model that needs mixing.
+    #[inline(always)]
+    fn is_sheet(&mut self, faces: &[ExactFace<'_>], order: &Faces, first: usize) -> bool {
+        self.sheet += 1;
+        let sheet = self.sheet;
         self.found.clear();
-        self.found.push(sheet);
+        self.found.push(first as u32);
         self.members[first].sheet = sheet;
-        let (mut total, mut last) = (0.0, first);
+        let alpha = faces[order.at(first).face].alpha;
+        let mut total = 0.0;
         let mut next = 0;
         while let Some(k) = self.found.get(next) {
             let k = *k as usize;
             let member = self.members[k];
-            if member.is_open || !order.at(k).is_opaque {
+            let prepared = order.at(k);
+            if member.is_open || prepared.is_part || faces[prepared.face].alpha != alpha {
                 return false;
             }
             total += member.area;
-            last = last.max(k);
             for neighbour in member.neighbours {
                 if let Some(member) = self.members.get_mut(neighbour as usize)
                     && member.sheet != sheet
@@ -193,41 +201,71 @@ impl Sheets {
             }
             next += 1;
         }
-        if (total - 1.0).abs() > WHOLE {
-            return false;
-        }
+        (total - 1.0).abs() <= WHOLE
+    }
+
+    /// Whether the sheet that was found last hides, or lies in front of, all faces from `first` on in the order but those in `others`.
+    #[inline(always)]
+    fn is_in_front(&self, order: &Faces, first: usize, others: impl Fn(u32) -> bool) -> bool {
         if self.found.len() == order.len() {
             return true;
         }
-        let bounds = |k: usize| order.at(k).bounds(&faces[order.at(k).face]);
-        let farthest = self.found().map(|k| bounds(k)[0]).fold(f64::INFINITY, lesser);
+        let farthest = self.found().map(|k| order.range(k)[0]).fold(f64::INFINITY, lesser);
+        let last = self.found().max().unwrap_or(first);
         // Where they are equally near, only what follows all of the sheet in the order is behind.
-        let is_behind = |k: usize| bounds(k)[1] < farthest || (k > last && bounds(k)[1] == farthest);
-        (first..order.len()).all(|k| self.members[k].sheet == sheet || is_behind(k))
+        let is_behind = |k: usize| order.range(k)[1] < farthest || (k > last && order.range(k)[1] == farthest);
+        (first..order.len()).all(|k| {
+            let own = self.members[k].sheet;
+            own == self.sheet || others(own) || is_behind(k)
+        })
     }
 
-    /// The pixel's colour if the nearest face belongs to a sheet that hides all others. The shared edges are known afterwards, if it
-    /// doesn't.
+    /// Whether the faces that are connected with face `first` through shared edges are opaque, cover the pixel without overlap,
+    /// and hide all other faces from `first` on in the order.
     #[inline]
-    pub(super) fn colour(&mut self, faces: &[ExactFace<'_>], order: &Faces) -> Option<[f64; 3]> {
+    pub(super) fn covers_from(&mut self, faces: &[ExactFace<'_>], order: &Faces, first: usize) -> bool {
+        order.at(first).is_opaque && self.is_sheet(faces, order, first) && self.is_in_front(order, first, |_| false)
+    }
+
+    /// The pixel's colour if it is made of sheets one behind the other, the last one opaque or the background. The shared edges are known
+    /// afterwards, if not.
+    #[inline]
+    pub(super) fn colour(&mut self, faces: &[ExactFace<'_>], order: &Faces, background: [f64; 3]) -> Option<[f64; 3]> {
         let nearest = order.at(0);
         if nearest.is_opaque && nearest.lines().is_empty() {
-            let [farthest, _] = nearest.bounds(&faces[nearest.face]);
-            let is_behind = |k: usize| order.at(k).bounds(&faces[order.at(k).face])[1] <= farthest;
-            if (1..order.len()).all(is_behind) {
+            let [farthest, _] = order.range(0);
+            if (1..order.len()).all(|k| order.range(k)[1] <= farthest) {
                 return Some(faces[nearest.face].rgb);
             }
         }
         self.set(faces, order);
-        if !self.covers_from(faces, order, 0) {
-            return None;
-        }
         let mut colour = [0.0; 3];
-        for k in self.found() {
-            let area = self.area(k);
-            for (sum, c) in colour.iter_mut().zip(faces[order.at(k).face].rgb) {
-                *sum += area * c;
+        let mut transmitted = 1.0;
+        let mut first = 0;
+        loop {
+            // Sheets that were found before are in front.
+            let found_before = |sheet: u32| sheet != NONE;
+            if !self.is_sheet(faces, order, first) || !self.is_in_front(order, first, found_before) {
+                return None;
             }
+            let alpha = faces[order.at(first).face].alpha;
+            for k in self.found() {
+                let share = self.area(k) * (transmitted * alpha);
+                for (sum, c) in colour.iter_mut().zip(faces[order.at(k).face].rgb) {
+                    *sum += share * c;
+                }
+            }
+            transmitted *= 1.0 - alpha;
+            if transmitted == 0.0 {
+                return Some(colour);
+            }
+            match (first + 1..order.len()).find(|k| self.members[*k].sheet == NONE) {
+                Some(next) => first = next,
+                None => break,
+            }
+        }
+        for (sum, c) in colour.iter_mut().zip(background) {
+            *sum += transmitted * c;
         }
         Some(colour)
     }

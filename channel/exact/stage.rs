@@ -143,7 +143,7 @@ impl ExactScratch {
                 if nearest_in_block(&depth, base) < self.far[block] {
                     continue;
                 }
-                let full = cover.block(simd, block).full;
+                let full = cover.block(simd, block, extent.rows(block)).full;
                 if full == 0 {
                     continue;
                 }
@@ -179,7 +179,7 @@ impl ExactScratch {
                 if nearest_in_block(&depth, base) < self.far[block] {
                     continue;
                 }
-                let covered = cover.block(simd, block);
+                let covered = cover.block(simd, block, extent.rows(block));
                 let mut touched = covered.touched & valid[block] & within(frame, triangle, block_corner(rect, block));
                 if touched == 0 {
                     continue;
@@ -302,7 +302,7 @@ impl ExactScratch {
             let Some(fine) = fine_face(&mut self.known, &mut self.fine, frame, candidate.place, number) else {
                 continue;
             };
-            let [r, g, b, alpha] = faces.colour(frame, rect, candidate.place, number, corner);
+            let [r, g, b, alpha] = faces.colour_of_area(frame, rect, candidate.place, number, corner, &fine);
             if cutoff.is_some_and(|cutoff| alpha < cutoff) {
                 continue;
             }

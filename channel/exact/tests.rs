@@ -74,8 +74,7 @@ fn by_regions(faces: &[ExactFace<'_>], background: [f64; 3]) -> [f64; 3] {
     if order.len() == 0 {
         return background;
     }
-    sheets.colour(faces, &order);
-    order.set_bounds(faces);
+    sheets.colour(faces, &order, background);
     cells.clear();
     Regions::default().colour(faces, &order, &sheets, &mut cells, background).unwrap()
 }
@@ -244,6 +243,35 @@ fn the_ways_agree_on_meshes() {
     }
     let counts = integrator.counts();
     assert!(counts.sheets > 50 && counts.cells == 0 && counts.sampled == 0, "{counts:?}");
+}
+
+#[test]
+fn the_ways_agree_on_sheets_behind_each_other() {
+    let mut random = Random(0x57AC);
+    let mut integrator = Integrator::default();
+    for round in 0..300 {
+        let mut faces = Vec::new();
+        for k in 0..2 + round % 4 {
+            // One saturation each, the last one maybe opaque; now and then so near to each other that they cross.
+            let alpha = if k == 0 && round % 2 == 0 { 1.0 } else { 0.1 + 0.8 * random.unit() };
+            let apart = if round % 10 == 9 { 0.1 } else { 2.0 };
+            let sheet = if random.below(2) == 0 { mesh(&mut random, 3) } else { fan(&mut random, 5, 3.0) };
+            let number = k as u64 * 1000;
+            faces.extend(sheet.into_iter().map(|f| ExactFace {
+                q0: f.q0 + apart * k as f64,
+                order: f.order + number,
+                alpha,
+                ..f
+            }));
+        }
+        shuffle(&mut random, &mut faces);
+        let colour = integrator.integrate(&faces, grey(0.3));
+        assert_near(colour, by_cells(&faces, grey(0.3)), 1e-11);
+        shuffle(&mut random, &mut faces);
+        assert_eq!(integrator.integrate(&faces, grey(0.3)), colour);
+    }
+    let counts = integrator.counts();
+    assert!(counts.sheets > 400 && counts.sampled == 0 && counts.quarters == 0, "{counts:?}");
 }
 
 #[test]
@@ -482,22 +510,51 @@ fn a_model_in_transition_is_the_weighted_mean_of_its_versions() {
     }
 }
 
+/// Needles from side to side through a square of that side about the pixel's centre, where they cross each other.
+fn needles(random: &mut Random, side: f64) -> Vec<ExactFace<'static>> {
+    let needle = |k: u64| {
+        let mut end = |at: f64| [0.5 + (random.unit() - 0.5) * side, at];
+        let (a, b) = (end(-1.0), end(2.0));
+        let (a, b) = if k.is_multiple_of(2) { (a, b) } else { ([a[1], a[0]], [b[1], b[0]]) };
+        let q = 1.0 + random.unit();
+        face([a, b, [b[0] + 0.01, b[1] + 0.01]], [q; 3], k, 0.5, grey(random.unit()))
+    };
+    (0..150).map(needle).collect()
+}
+
 #[test]
-fn too_much_is_sampled_and_counted() {
+fn too_much_for_a_pixel_is_done_in_quarters() {
     let mut random = Random(0x2B16);
-    // Needles that all cross each other: their arrangement has some ten thousand cells.
-    let faces: Vec<_> = (0..150)
-        .map(|k| {
-            let (a, b) = ([random.unit(), -1.0], [random.unit(), 2.0]);
-            let (a, b) = if k % 2 == 0 { (a, b) } else { ([a[1], a[0]], [b[1], b[0]]) };
-            let q = 1.0 + random.unit();
-            face([a, b, [b[0] + 0.01, b[1] + 0.01]], [q; 3], k, 0.5, grey(random.unit()))
-        })
-        .collect();
+    // Their arrangement has some ten thousand cells.
+    let mut faces = needles(&mut random, 1.0);
+    let mut integrator = Integrator::default();
+    let colour = integrator.integrate(&faces, grey(0.5));
+    assert_eq!(integrator.counts(), Counts { quarters: 1, ..Counts::default() });
+    assert_near(colour, by_points(&faces, grey(0.5), 1024), 5e-4);
+    shuffle(&mut random, &mut faces);
+    assert_eq!(integrator.integrate(&faces, grey(0.5)), colour);
+    // Every quarter by itself, as a pixel of faces that are twice as large.
+    let mut mean = [0.0; 3];
+    for (left, top) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+        let enlarged = |face: &ExactFace<'static>| {
+            let q0 = face.q0 + 0.5 * (left * face.qx + top * face.qy);
+            let (x, y) = (face.x.map(|x| 2.0 * x - left), face.y.map(|y| 2.0 * y - top));
+            ExactFace { x, y, q0, qx: 0.5 * face.qx, qy: 0.5 * face.qy, ..*face }
+        };
+        let own: Vec<_> = faces.iter().map(enlarged).collect();
+        let part = integrate(&own, grey(0.5));
+        mean = std::array::from_fn(|c| mean[c] + 0.25 * part[c]);
+    }
+    assert_near(colour, mean, 1e-12);
+}
+
+#[test]
+fn too_much_for_the_smallest_square_is_sampled_and_counted() {
+    let faces = needles(&mut Random(0x2B16), 0.01);
     let mut integrator = Integrator::default();
     let colour = integrator.integrate(&faces, grey(0.5));
     assert_eq!(integrator.counts(), Counts { sampled: 1, ..Counts::default() });
-    assert_near(colour, by_points(&faces, grey(0.5), 256), 1e-2);
+    assert_near(colour, by_points(&faces, grey(0.5), 1024), 1e-3);
 }
 
 #[test]

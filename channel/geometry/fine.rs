@@ -4,12 +4,9 @@
 //! way a face is turned that is thinner than rounding, and so may have come out without an area or turned over; and where the
 //! corners are when an area counts. A corner that two faces share is the same point of the scene, or the same cut of the same
 //! edge, so it lands on the same place for both.
-//!
-//! Of a face that is cut at the near plane or the guard band, pieces that rounding to 1/256 pixel left without an area are missing: less
-//! than 1/256 pixel across, and only there.
 
 use super::camera::{Camera, ViewPoint};
-use super::clip::ClippedFace;
+use super::clip::{CORNERS_MAX, ClippedFace};
 use super::setup::{Plane, Triangle, area_twice, extent};
 use super::transform::{Item, view_point};
 use crate::frame::Frame;
@@ -43,6 +40,14 @@ pub fn turn(camera: &Camera, item: &Item<'_>, vertices: [usize; 3]) -> i64 {
     i64::from(area > 0.0) - i64::from(area < 0.0)
 }
 
+/// The sign of the area of a cut face.
+pub fn turn_of_cut(camera: &Camera, face: &ClippedFace) -> i64 {
+    let places: [[f64; 2]; CORNERS_MAX] =
+        std::array::from_fn(|k| face.corners().get(k).map_or([0.0; 2], |corner| place(camera, corner.point)));
+    let area: f64 = (2..face.corners().len()).map(|k| fine_area_twice([places[0], places[k - 1], places[k]])).sum();
+    i64::from(area > 0.0) - i64::from(area < 0.0)
+}
+
 /// The corners, or if they have no area others with one, a sub-pixel aside. See [`crate::samples::EXACT_MARGIN`].
 pub fn with_area(x: [i32; 3], y: [i32; 3]) -> ([i32; 3], [i32; 3]) {
     let area = |x: [i32; 3], y: [i32; 3]| area_twice([x[0], y[0]], [x[1], y[1]], [x[2], y[2]]);
@@ -71,6 +76,10 @@ pub struct FineFace {
     pub x: [f64; 3],
     /// Corners.
     pub y: [f64; 3],
+    /// Which of the triangle's vertices each corner is, if the triangle is a whole face.
+    pub vertices: [usize; 3],
+    /// Inverse distances of the corners, 1/m.
+    q: [f64; 3],
     /// Inverse distance.
     depth: Depth,
 }
@@ -107,7 +116,54 @@ impl FineFace {
             let rounded = order.map(|k| places[k]);
             Depth::Own(plane_through(truly, q).or_else(|| plane_through(rounded, q))?)
         };
-        Some(Self { x, y, depth })
+        Some(Self { x, y, vertices: order, q, depth })
+    }
+
+    /// Where the face is shaded in the pixel whose upper left is there, pixels: at the centre if it covers that, else at the point of its part
+    /// of the pixel nearest to it.
+    pub fn shading_point(&self, [left, top]: [f64; 2]) -> [f64; 2] {
+        let centre = [left + 0.5, top + 0.5];
+        if self.areas(centre).iter().all(|area| *area >= 0.0) {
+            return centre;
+        }
+        let mut polygon = [[0.0; 2]; 8];
+        for (k, corner) in polygon.iter_mut().enumerate().take(3) {
+            *corner = [self.x[k], self.y[k]];
+        }
+        let mut count = 3;
+        for (axis, line) in [(0, left), (1, top)] {
+            cut(&mut polygon, &mut count, axis, line, false);
+            cut(&mut polygon, &mut count, axis, line + 1.0, true);
+        }
+        let mut best = (f64::INFINITY, centre);
+        for i in 0..count {
+            let (a, b) = (polygon[i], polygon[(i + 1) % count]);
+            let along = [b[0] - a[0], b[1] - a[1]];
+            let squared = along[0] * along[0] + along[1] * along[1];
+            let part = ((centre[0] - a[0]) * along[0] + (centre[1] - a[1]) * along[1]) / squared;
+            // A side without a length is its corner.
+            let part = if squared > 0.0 { part.clamp(0.0, 1.0) } else { 0.0 };
+            let point = [a[0] + along[0] * part, a[1] + along[1] * part];
+            let away = [point[0] - centre[0], point[1] - centre[1]];
+            let distance = away[0] * away[0] + away[1] * away[1];
+            if distance < best.0 {
+                best = (distance, point);
+            }
+        }
+        best.1
+    }
+
+    /// What each corner's attribute, linear in space, counts for at a point; up to one factor for all.
+    pub fn weights(&self, point: [f64; 2]) -> [f64; 3] {
+        let areas = self.areas(point);
+        // A point that rounding has put beside the face is on its border.
+        [0, 1, 2].map(|k| if areas[k] > 0.0 { areas[k] * self.q[k] } else { 0.0 })
+    }
+
+    /// Twice the areas of the triangles that a point makes with the sides opposite of the corners, pixels²; negative outside.
+    fn areas(&self, point: [f64; 2]) -> [f64; 3] {
+        let corner = |k: usize| [self.x[k % 3], self.y[k % 3]];
+        [0, 1, 2].map(|k| fine_area_twice([corner(k + 1), corner(k + 2), point]))
     }
 
     /// Inverse distance at the upper left of the pixel that is there, sub, and its change per pixel to the right and downwards.
@@ -119,6 +175,32 @@ impl FineFace {
                 let (x, y) = (f64::from(x_sub) / per_pixel - x0, f64::from(y_sub) / per_pixel - y0);
                 [q + (x * dx + y * dy), dx, dy]
             }
+        }
+    }
+}
+
+/// The part of a convex polygon on one side of a line along an axis, its corners counted by `count`.
+fn cut(polygon: &mut [[f64; 2]; 8], count: &mut usize, axis: usize, line: f64, keeps_less: bool) {
+    let sign = if keeps_less { 1.0 } else { -1.0 };
+    let inside = |p: [f64; 2]| sign * (line - p[axis]);
+    let (from, corners) = (*polygon, *count);
+    *count = 0;
+    for i in 0..corners {
+        let (a, b) = (from[i], from[(i + 1) % corners]);
+        let (at_a, at_b) = (inside(a), inside(b));
+        let mut put = |p: [f64; 2]| {
+            // A triangle has seven corners at most after four cuts; rounding can't give it more than there is room for.
+            if *count < polygon.len() {
+                polygon[*count] = p;
+                *count += 1;
+            }
+        };
+        if at_a >= 0.0 {
+            put(a);
+        }
+        if (at_a < 0.0) != (at_b < 0.0) {
+            let part = at_a / (at_a - at_b);
+            put([a[0] + (b[0] - a[0]) * part, a[1] + (b[1] - a[1]) * part]);
         }
     }
 }

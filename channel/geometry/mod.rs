@@ -9,13 +9,17 @@
 //! - [`plane`]: the plane of inverse distance that faces lying over each other share.
 //! - [`setup`]: the triangle that the raster stage works on.
 //! - [`vertices`]: vertices and normals to the screen, eight at a time.
+//! - [`faces`]: which faces are drawn, sixteen at a time.
 //! - [`fine`]: corners for pixels that are computed by areas.
+//! - [`coarse`]: cheaper vertices, to be measured against.
 //! - [`transform`]: the stage itself, subobject by subobject.
 //!
 //! Nothing here knows tiles or shares: every board gets the same triangles, to the bit.
 
 pub mod camera;
 pub mod clip;
+pub mod coarse;
+pub mod faces;
 pub mod fine;
 pub mod plane;
 pub mod setup;

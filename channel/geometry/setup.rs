@@ -67,6 +67,8 @@ impl Flags {
     pub const SHARED_PLANE: u8 = 16;
     /// It is a MASK surface: it may have holes.
     pub const CUT_OUT: u8 = 32;
+    /// It is single-sided and seen from behind: it is here only because back faces are not left out early, to see what that costs.
+    pub const BACK: u8 = 64;
 
     /// Whether a bit is set.
     #[inline(always)]
@@ -79,7 +81,7 @@ impl Flags {
 pub const FARTHEST: f64 = 1e-280;
 
 /// A triangle ready for the raster.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct Triangle {
     /// Corners, sub.

@@ -206,7 +206,7 @@ mod tests {
     use crate::geometry::transform::view_point;
     use crate::oracle::{Random, everything, mesh_of, state, store_of, view};
     use crate::pipeline::items_of;
-    use crate::simd::every_level;
+    use crate::simd::{at_level, every_level};
     use glam::{DAffine3, DMat3, DQuat, DVec3};
     use proto::view::{Pose, Samples};
 
@@ -231,7 +231,7 @@ mod tests {
             let mut first: Option<Vertices> = None;
             for level in every_level() {
                 let mut vertices = Vertices::default();
-                fearless_simd::dispatch!(level, simd => vertices.transform(simd, &camera, reach, &items[0]));
+                at_level!(level, simd => vertices.transform(simd, &camera, reach, &items[0]));
                 for i in 0..items[0].stored.mesh.positions.len() {
                     if vertices.codes[i] & (CUT | NOT_FINITE) == 0 {
                         let point = view_point(&camera, &items[0], i);

@@ -3,10 +3,10 @@
 pub(crate) mod distribution;
 mod exact;
 mod formulas;
-mod hidden;
 mod light;
 mod models;
 pub(crate) mod planes;
+mod skips;
 
 use crate::oracle::*;
 use crate::store::SceneStore;

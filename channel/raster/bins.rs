@@ -9,7 +9,7 @@
 
 use super::coverage::Edges;
 use super::fronts::TileFronts;
-use crate::geometry::setup::Triangle;
+use crate::geometry::setup::{Flags, Triangle};
 use crate::samples::{Pattern, SUBPIXELS};
 use proto::frame::{TILE, TileIndex, tile_grid};
 
@@ -99,7 +99,7 @@ impl RunBins {
                         if edges.misses(corner[0], corner[1], pattern.low, side_sub - pattern.low) {
                             continue;
                         }
-                        if !is_fragment {
+                        if !is_fragment && !triangle.flags.has(Flags::BACK) {
                             fronts.note(slot, triangle, edges, corner);
                         }
                     }

@@ -19,7 +19,7 @@
 use crate::geometry::camera::GUARD_BITS;
 use crate::geometry::setup::Triangle;
 use crate::samples::{Pattern, SUBPIXEL_BITS, SUBPIXELS};
-use crate::simd::{each3, each4};
+use crate::simd::each3;
 use fearless_simd::{Simd, i32x16, prelude::*};
 use proto::frame::{PixelRect, TILE};
 
@@ -209,6 +209,20 @@ impl EdgeRange {
     }
 }
 
+/// Two rows of pixels each: what is worked on at once. First and last of a block's four, ends included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RowPairs {
+    /// 0 to 3.
+    pub first: usize,
+    /// Likewise, not less.
+    pub last: usize,
+}
+
+impl RowPairs {
+    /// All of a block.
+    pub const ALL: Self = Self { first: 0, last: BLOCK as usize / 2 - 1 };
+}
+
 /// The part of a tile that a triangle's extent meets.
 #[derive(Clone, Copy, Debug)]
 pub struct TileExtent {
@@ -216,6 +230,8 @@ pub struct TileExtent {
     pub pixels: [[i32; 2]; 2],
     /// First and last block of the tile, columns and rows.
     blocks: [[i32; 2]; 2],
+    /// First and last row of the tile.
+    rows: [i32; 2],
 }
 
 impl TileExtent {
@@ -231,7 +247,15 @@ impl TileExtent {
         }
         let block = BLOCK.trailing_zeros();
         let blocks = [[(x[0] - left) >> block, (x[1] - left) >> block], [(y[0] - top) >> block, (y[1] - top) >> block]];
-        Some(Self { pixels: [x, y], blocks })
+        Some(Self { pixels: [x, y], blocks, rows: [y[0] - top, y[1] - top] })
+    }
+
+    /// The rows of one of its blocks in which it has pixels.
+    #[inline(always)]
+    pub fn rows(&self, block: usize) -> RowPairs {
+        let top = (block as u32 / BLOCKS_PER_ROW * BLOCK) as i32;
+        let pair = |row: i32| (row - top).clamp(0, BLOCK as i32 - 1) as usize / 2;
+        RowPairs { first: pair(self.rows[0]), last: pair(self.rows[1]) }
     }
 
     /// The block that holds all of it, if one does.
@@ -303,48 +327,60 @@ impl<'a> TileCover<'a> {
         Self { pattern, edges, corner: [left * SUBPIXELS, top * SUBPIXELS], ranges, covers_tile: least_in_tile >= 0 }
     }
 
-    /// The pixels of a block that the triangle covers, beyond the view's border as well.
+    /// The pixels of a block that the triangle covers, beyond the view's border as well; of each row that isn't in `rows` maybe none, see
+    /// [`TileExtent::rows`].
     #[inline(always)]
-    pub fn block<S: Simd>(&self, simd: S, block: usize) -> BlockCover {
+    pub fn block<S: Simd>(&self, simd: S, block: usize, rows: RowPairs) -> BlockCover {
         if self.covers_tile {
             return BlockCover { touched: u64::MAX, full: u64::MAX };
         }
         let [x, y] = self.block_corner(block);
-        let at = each3([0, 1, 2], |k| self.edges.at(k, x, y));
-        let mut crossed = [false; 3];
+        let mut is_crossed = false;
+        // Of an edge that doesn't cross the block: inside, everywhere.
+        let (mut a, mut b, mut most, mut least) = ([0; 3], [0; 3], [0; 3], [0; 3]);
         for k in 0..3 {
-            if at[k] + self.ranges[k].block_most < 0 {
+            let range = &self.ranges[k];
+            let at = self.edges.at(k, x, y);
+            if at + range.block_most < 0 {
                 return BlockCover::default();
             }
-            crossed[k] = at[k] + self.ranges[k].block_least < 0;
+            if at + range.block_least < 0 {
+                is_crossed = true;
+                (a[k], b[k]) = (self.edges.a[k] as i32, self.edges.b[k] as i32);
+                most[k] = ((at + range.most) >> SUBPIXEL_BITS) as i32;
+                least[k] = ((at + range.least) >> SUBPIXEL_BITS) as i32;
+            }
         }
-        if crossed == [false; 3] {
+        if !is_crossed {
             return BlockCover { touched: u64::MAX, full: u64::MAX };
         }
         let columns = i32x16::simd_from(simd, LATTICE[0]);
-        let rows = i32x16::simd_from(simd, LATTICE[1]);
-        let zero = i32x16::splat(simd, 0);
-        let mut outside = [zero; 4];
-        let mut partial = [zero; 4];
-        for k in 0..3 {
-            if !crossed[k] {
-                continue;
-            }
-            let (a, b) = (self.edges.a[k] as i32, self.edges.b[k] as i32);
-            let most = ((at[k] + self.ranges[k].most) >> SUBPIXEL_BITS) as i32;
-            let least = ((at[k] + self.ranges[k].least) >> SUBPIXEL_BITS) as i32;
-            let mut steps = columns * a + rows * b;
-            for group in 0..4 {
-                // A negative number's sign bit survives an OR.
-                outside[group] |= steps + most;
-                partial[group] |= steps + least;
-                steps += 2 * b;
+        let two_rows = i32x16::simd_from(simd, LATTICE[1]);
+        // Not with a closure: it would be a function without the level's instructions.
+        let steps =
+            [columns * a[0] + two_rows * b[0], columns * a[1] + two_rows * b[1], columns * a[2] + two_rows * b[2]];
+        // With one sample, least and most are the same.
+        let has_range = self.pattern.count != 1;
+        let mut cover = BlockCover::default();
+        for pair in rows.first..=rows.last {
+            let down = 2 * pair as i32;
+            // A negative number's sign bit survives an OR.
+            let outside = (steps[0] + (most[0] + down * b[0]))
+                | (steps[1] + (most[1] + down * b[1]))
+                | (steps[2] + (most[2] + down * b[2]));
+            let touched = outside.simd_ge(0).to_bitmask();
+            cover.touched |= touched << (16 * pair);
+            if has_range {
+                let partial = (steps[0] + (least[0] + down * b[0]))
+                    | (steps[1] + (least[1] + down * b[1]))
+                    | (steps[2] + (least[2] + down * b[2]));
+                cover.full |= partial.simd_ge(0).to_bitmask() << (16 * pair);
             }
         }
-        let touched = not_negative_64(simd, outside);
-        // With one sample, least and most are the same.
-        let full = if self.pattern.count == 1 { touched } else { not_negative_64(simd, partial) };
-        BlockCover { touched, full }
+        if !has_range {
+            cover.full = cover.touched;
+        }
+        cover
     }
 
     /// The covered samples of a touched pixel; may be none. `tables` are this triangle's.
@@ -412,14 +448,6 @@ impl<'a> TileCover<'a> {
 const LATTICE: [[i32; 16]; 2] =
     [[0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7], [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1]];
 
-/// Bit i: whether number i is not negative.
-#[inline(always)]
-fn not_negative_64<S: Simd>(simd: S, groups: [i32x16<S>; 4]) -> u64 {
-    let zero = i32x16::splat(simd, 0);
-    let bits = each4(groups, |g| g.simd_ge(zero).to_bitmask());
-    bits[0] | bits[1] << 16 | bits[2] << 32 | bits[3] << 48
-}
-
 /// Bit i: whether `base + table[i]` is not negative, for the first `count` entries.
 #[inline(always)]
 fn not_negative<S: Simd>(simd: S, base: i32, table: &[i32; 64], count: usize) -> u64 {
@@ -436,7 +464,7 @@ mod tests {
     use super::*;
     use crate::geometry::setup::{Flags, Plane, WHOLE_FACE, area_twice};
     use crate::oracle::{Random, point_in_triangle};
-    use crate::simd::every_level;
+    use crate::simd::{at_level, every_level};
     use proto::frame::TileIndex;
     use proto::view::Samples;
 
@@ -457,9 +485,10 @@ mod tests {
             let Some(extent) = TileExtent::new(pattern, triangle, rect) else { return };
             let cover = TileCover::new(pattern, triangle, rect);
             for block in extent.blocks() {
+                let rows = extent.rows(block);
                 let found: Vec<BlockCover> = every_level()
                     .into_iter()
-                    .map(|level| fearless_simd::dispatch!(level, simd => cover.block(simd, block)))
+                    .map(|level| at_level!(level, simd => cover.block(simd, block, rows)))
                     .collect();
                 assert!(found.iter().all(|f| *f == found[0]), "{found:?}");
                 let BlockCover { touched, full } = found[0];
@@ -469,7 +498,7 @@ mod tests {
                         .into_iter()
                         .map(|level| {
                             let mut tables = SampleTables::default();
-                            fearless_simd::dispatch!(level, simd => cover.samples(simd, &mut tables, block, pixel))
+                            at_level!(level, simd => cover.samples(simd, &mut tables, block, pixel))
                         })
                         .collect();
                     assert!(masks.iter().all(|m| *m == masks[0]), "{masks:?}");

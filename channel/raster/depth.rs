@@ -234,7 +234,7 @@ mod tests {
     use super::*;
     use crate::geometry::setup::{Flags, WHOLE_FACE};
     use crate::oracle::Random;
-    use crate::simd::every_level;
+    use crate::simd::{at_level, every_level};
     use proto::view::Samples;
 
     #[test]
@@ -267,7 +267,8 @@ mod tests {
                 let one = in_front(pattern, &faces[0], &faces[1], x, y, mask, || wins);
                 crossing += usize::from(one != 0 && one != mask);
                 for level in every_level() {
-                    let eight = fearless_simd::dispatch!(level, simd => fronts(simd, pattern, &faces[0], &faces[1], x, y, mask, || wins));
+                    let eight =
+                        at_level!(level, simd => fronts(simd, pattern, &faces[0], &faces[1], x, y, mask, || wins));
                     assert_eq!(eight, one, "{level:?}: {faces:?}");
                 }
             }
@@ -296,8 +297,7 @@ mod tests {
             let [low, high] = depth.at(block);
             let [x, y] = [tile[0] + (block as i32 % 4) * 2048, tile[1] + (block as i32 / 4) * 2048];
             for level in every_level() {
-                let gains: [[f32; 16]; 4] =
-                    fearless_simd::dispatch!(level, simd => depth.lattice(simd).map(<[f32; 16]>::from));
+                let gains: [[f32; 16]; 4] = at_level!(level, simd => depth.lattice(simd).map(<[f32; 16]>::from));
                 for pixel in 0..64 {
                     let gain = gains[pixel / 16][pixel % 16];
                     let (low, high) = (f64::from(low + gain), f64::from(high + gain));

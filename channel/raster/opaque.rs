@@ -137,12 +137,13 @@ pub fn draw_opaque<S: Simd>(
                 counts.occluded += 1;
                 continue;
             }
-            let covered = cover.block(simd, block);
+            let rows = extent.rows(block);
+            let covered = cover.block(simd, block, rows);
             let touched = covered.touched & valid[block];
-            if touched == 0 {
+            if touched == 0 || triangle.flags.has(Flags::BACK) {
                 continue;
             }
-            let depths = visible.compare(simd, block, base, &gains);
+            let depths = visible.compare(simd, block, rows, base, &gains);
             let reached = touched & !depths.behind;
             let filled = if is_whole && skips.single { reached & covered.full & depths.front } else { 0 };
             if filled != 0 {

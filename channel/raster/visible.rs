@@ -11,7 +11,7 @@
 //!
 //! Faces are named by their place in the tile's list of triangles; see [`super::opaque`].
 
-use super::coverage::{BLOCK_PIXELS, BLOCKS, TILE_PIXELS};
+use super::coverage::{BLOCK_PIXELS, BLOCKS, RowPairs, TILE_PIXELS};
 use crate::room::room;
 use crate::simd::each4;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
@@ -22,6 +22,22 @@ pub const NOTHING: u32 = u32::MAX;
 const LIST: u32 = 1 << 31;
 /// Ends a list.
 const END: u32 = u32::MAX;
+
+const _: () = assert!(BLOCKS <= 64, "a block is a bit of a u64");
+
+/// Length of what has a number per block, for vectors of 16.
+const BLOCKS_PADDED: usize = BLOCKS.next_multiple_of(16);
+
+/// How far one can see in the blocks of an empty tile.
+const NOTHING_SEEN: [f32; BLOCKS_PADDED] = {
+    let mut far = [f32::INFINITY; BLOCKS_PADDED];
+    let mut block = 0;
+    while block < BLOCKS {
+        far[block] = f32::NEG_INFINITY;
+        block += 1;
+    }
+    far
+};
 
 /// Triangles from one look at the whole tile to the next. A guess: looking costs about as much as drawing a small one.
 const RENEWED_EVERY: u32 = 4;
@@ -86,14 +102,14 @@ pub struct Visible {
     free: u32,
     /// The mask of all samples.
     full: u64,
-    /// Per block: the least of its lows, as of when it was last asked for.
-    far: [f32; BLOCKS],
+    /// Per block: the least of its lows, as of when it was last asked for. What is no block is infinite.
+    far: [f32; BLOCKS_PADDED],
     /// The least of these.
     tile_far: f32,
     /// A bit per block: its pixels changed since.
-    changed: u16,
+    changed: u64,
     /// A bit per block: nothing was ever put into it.
-    fresh: u16,
+    fresh: u64,
     /// Whether `tile_far` may have grown.
     is_old: bool,
     /// How often the tile was asked.
@@ -112,10 +128,10 @@ impl Visible {
             entries: Vec::new(),
             free: END,
             full: 1,
-            far: [f32::NEG_INFINITY; BLOCKS],
+            far: NOTHING_SEEN,
             tile_far: f32::NEG_INFINITY,
             changed: 0,
-            fresh: u16::MAX,
+            fresh: u64::MAX,
             is_old: false,
             questions: 0,
         }
@@ -129,10 +145,10 @@ impl Visible {
         self.entries.clear();
         self.free = END;
         self.full = full;
-        self.far = [f32::NEG_INFINITY; BLOCKS];
+        self.far = NOTHING_SEEN;
         self.tile_far = f32::NEG_INFINITY;
         self.changed = 0;
-        self.fresh = u16::MAX;
+        self.fresh = u64::MAX;
         self.is_old = false;
     }
 
@@ -182,7 +198,11 @@ impl Visible {
                 self.look(simd, rest.trailing_zeros() as usize);
                 rest &= rest - 1;
             }
-            self.tile_far = f32x16::from_slice(simd, &self.far).reduce_min();
+            let mut least = f32x16::splat(simd, f32::INFINITY);
+            for sixteen in self.far.chunks_exact(16) {
+                least = least.min(f32x16::from_slice(simd, sixteen));
+            }
+            self.tile_far = least.reduce_min();
         }
         self.tile_far
     }
@@ -196,9 +216,17 @@ impl Visible {
         self.changed &= !(1 << block);
     }
 
-    /// How a face with these bounds at a block's first pixel, and these gains from there, lies to what is there.
+    /// How a face with these bounds at a block's first pixel, and these gains from there, lies to what is there; not known in other
+    /// rows than `rows`.
     #[inline(always)]
-    pub fn compare<S: Simd>(&self, simd: S, block: usize, [low, high]: [f32; 2], gains: &[f32x16<S>; 4]) -> Depths {
+    pub fn compare<S: Simd>(
+        &self,
+        simd: S,
+        block: usize,
+        rows: RowPairs,
+        [low, high]: [f32; 2],
+        gains: &[f32x16<S>; 4],
+    ) -> Depths {
         if self.fresh >> block & 1 != 0 {
             // In front of nothing is what has bounds at all.
             // Not a closure: it would be a function without the level's instructions.
@@ -210,7 +238,7 @@ impl Visible {
             return Depths { front, behind: 0 };
         }
         let mut depths = Depths::default();
-        for (group, gain) in gains.iter().enumerate() {
+        for (group, gain) in gains.iter().enumerate().take(rows.last + 1).skip(rows.first) {
             let at = block * BLOCK_PIXELS + group * 16;
             let lows = f32x16::from_slice(simd, &self.lows[at..at + 16]);
             let highs = f32x16::from_slice(simd, &self.highs[at..at + 16]);

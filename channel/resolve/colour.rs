@@ -133,7 +133,7 @@ pub fn decode_srgb([r, g, b]: [u8; 3]) -> [f32; 3] {
 mod tests {
     use super::*;
 
-    use crate::simd::every_level;
+    use crate::simd::{at_level, every_level};
 
     /// The definition, evaluated directly.
     fn encoded_directly(linear: f64) -> u8 {
@@ -169,7 +169,7 @@ mod tests {
             assert_eq!(encoder.code(value), code, "{value}");
             for level in every_level() {
                 let three = [value, 1.0 - value, 0.25, f32::NAN];
-                let found = fearless_simd::dispatch!(level, simd => encoder.rgb_of(simd, three));
+                let found = at_level!(level, simd => encoder.rgb_of(simd, three));
                 assert_eq!(found, encoder.rgb([three[0], three[1], three[2]]), "{level:?}: {value}");
             }
         }

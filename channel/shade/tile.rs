@@ -13,6 +13,7 @@
 use super::FaceCache;
 use super::nearest::nearest;
 use crate::frame::Frame;
+use crate::geometry::fine::FineFace;
 use crate::geometry::setup::{Flags, WHOLE_FACE, extent};
 use crate::raster::coverage::{BLOCK, BLOCKS_PER_ROW, Edges};
 use crate::resolve::background::{Behind, BlockSky};
@@ -186,6 +187,32 @@ impl TileFaces {
         known
     }
 
+    /// [`TileFaces::colour`] for a pixel that is computed by areas, of a face with these true corners: where its light changes over it, from those.
+    pub fn colour_of_area(
+        &mut self,
+        frame: &Frame<'_>,
+        rect: PixelRect,
+        place: u32,
+        number: u32,
+        corner: [i32; 2],
+        fine: &FineFace,
+    ) -> [f32; 4] {
+        if let Look::ByNormal(index) = self.look(frame, rect, place, number)
+            && let Some(normals) = vertex_normals(frame, number)
+        {
+            let weights = fine.weights(fine.shading_point(corner.map(|c| f64::from(c / SUBPIXELS))));
+            let total: f64 = weights.iter().sum();
+            let normal = each3([0, 1, 2], |c| {
+                let sum: f64 = (0..3).map(|k| weights[k] * f64::from(normals[fine.vertices[k]][c])).sum();
+                (sum / total) as f32
+            });
+            if total > 0.0 {
+                return self.normals[index as usize].lit(frame, normal);
+            }
+        }
+        self.colour(frame, rect, place, number, corner)
+    }
+
     /// Linear RGB and alpha of the face at `place` in the pixel whose upper left is (x, y) sub.
     #[inline(always)]
     pub fn colour(
@@ -234,10 +261,25 @@ enum Quick {
     ByNormal(ByNormal),
 }
 
+/// The unit normals of a face's vertices on the side that is seen, in the order of the mesh; `None` if a vertex has none.
+#[inline(always)]
+fn vertex_normals(frame: &Frame<'_>, number: u32) -> Option<[[f32; 4]; 3]> {
+    let triangle = frame.triangle(number);
+    let all = frame.run(number).normals_of(triangle.item as usize)?;
+    let vertices = frame.items[triangle.item as usize].stored.mesh.triangles[triangle.face as usize];
+    let mut normals = each3(vertices, |vertex| all[vertex as usize]);
+    if normals.contains(&[0.0; 4]) {
+        return None;
+    }
+    if triangle.flags.has(Flags::BEHIND) {
+        normals = each3(normals, |n| [-n[0], -n[1], -n[2], 0.0]);
+    }
+    Some(normals)
+}
+
 /// What the quick ways need of a face, if one of them will do.
 #[inline(always)]
 fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
-    let run = frame.run(number);
     let triangle = frame.triangle(number);
     let item = &frame.items[triangle.item as usize];
     let mesh = &item.stored.mesh;
@@ -251,17 +293,7 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     if !material.base_color.iter().chain(&material.emissive).all(is_modest) || !frame.sun.is_modest() {
         return None;
     }
-    let all = run.normals_of(triangle.item as usize)?;
-    let vertices = mesh.triangles[triangle.face as usize];
-    let [mut a, mut b, mut c] = [all[vertices[0] as usize], all[vertices[1] as usize], all[vertices[2] as usize]];
-    if a == [0.0; 4] || b == [0.0; 4] || c == [0.0; 4] {
-        return None;
-    }
-    if triangle.flags.has(Flags::BEHIND) {
-        for n in [&mut a, &mut b, &mut c] {
-            *n = [-n[0], -n[1], -n[2], 0.0];
-        }
-    }
+    let [a, b, c] = vertex_normals(frame, number)?;
     let [r, g, b_, alpha] = material.base_color;
     let base = [r, g, b_, alpha];
     let [er, eg, eb] = material.emissive;
@@ -306,9 +338,14 @@ impl ByNormal {
     /// Linear RGB and alpha at a place in pixels from the tile's upper left: the scalar twin of [`ByNormal::block`].
     #[inline(always)]
     pub fn at(&self, frame: &Frame<'_>, [x, y]: [f32; 2]) -> [f32; 4] {
-        let sun = &frame.sun;
         let (x, y) = (x - self.right[3], y - self.down[3]);
-        let n = each3([0, 1, 2], |k| self.normal[k] + (self.right[k] * x + self.down[k] * y));
+        self.lit(frame, each3([0, 1, 2], |k| self.normal[k] + (self.right[k] * x + self.down[k] * y)))
+    }
+
+    /// Linear RGB and alpha where the normal has that direction.
+    #[inline(always)]
+    fn lit(&self, frame: &Frame<'_>, n: [f32; 3]) -> [f32; 4] {
+        let sun = &frame.sun;
         let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let slope = (n[0] * sun.direction[0] + n[1] * sun.direction[1] + n[2] * sun.direction[2]) / length;
         // What has no direction has no sun.

@@ -153,12 +153,13 @@ pub fn gather<S: Simd>(
                 counts.occluded += 1;
                 continue;
             }
-            let covered = cover.block(simd, block);
+            let rows = extent.rows(block);
+            let covered = cover.block(simd, block, rows);
             let touched = covered.touched & valid[block];
-            if touched == 0 {
+            if touched == 0 || triangle.flags.has(Flags::BACK) {
                 continue;
             }
-            let depths = visible.compare(simd, block, base, &gains);
+            let depths = visible.compare(simd, block, rows, base, &gains);
             let touched = touched & !depths.behind;
             if touched == 0 {
                 continue;

@@ -10,6 +10,7 @@ use crate::source::{self, Source};
 use ::bench::Report;
 use ::bench::chart::{Curve, error_against_time};
 use ::bench::pixels::{Renderer, Row, SCENES, Setting, figures, table};
+use channel::geometry::coarse::Coarse;
 use channel::pipeline::Skips;
 use channel::simd::SimdLevel;
 use manager::host::camera::CameraPose;
@@ -124,7 +125,8 @@ fn scene_rows(name: &str, source: &Source, args: &PixelsArgs, setting: &mut Sett
     Ok(rows)
 }
 
-/// Enters a renderer for each skip that is turned off and for each instruction set; their rows are named by that.
+/// Enters a renderer for each skip that is turned off, for each cheaper way to put vertices on the screen, and for each instruction set;
+/// their rows are named by that.
 fn ablate<'a>(
     name: &str,
     source: &'a Source,
@@ -136,6 +138,7 @@ fn ablate<'a>(
     let all = Skips::default();
     let without = [
         ("without boxes", Skips { hidden: false, ..all }),
+        ("back faces late", Skips { back_faces: false, ..all }),
         ("without occlusion", Skips { occluded: false, ..all }),
         ("without whole pixels", Skips { single: false, ..all }),
         ("without opaque tiles", Skips { opaque_tiles: false, ..all }),
@@ -144,6 +147,18 @@ fn ablate<'a>(
         let drawer = field.add(&source.scene, args.threads)?;
         field.renderer(drawer).set_skips(skips);
         entrants.push(Entrant::new(name, How::Ours { drawer, samples }, args.threads, false).named(variant.into()));
+    }
+    let usual = Coarse::default();
+    let cheaper = [
+        ("vertices in f32", Coarse { narrow: true, ..usual }),
+        ("1/64 pixel", Coarse { bits: 6, ..usual }),
+        ("1/16 pixel", Coarse { bits: 4, ..usual }),
+    ];
+    for (variant, coarse) in cheaper {
+        let drawer = field.add(&source.scene, args.threads)?;
+        field.renderer(drawer).set_coarse(coarse);
+        // These make other pictures.
+        entrants.push(Entrant::new(name, How::Ours { drawer, samples }, args.threads, true).named(variant.into()));
     }
     for level in SimdLevel::all() {
         let drawer = field.add(&source.scene, args.threads)?;
@@ -202,7 +217,7 @@ fn judge_all(
             How::Memory => continue,
         };
         judged.judge(row, &truth);
-        if let Some(folder) = &args.diff {
+        if let (Some(folder), None) = (&args.diff, &row.variant) {
             let who = match row.renderer {
                 Renderer::Cyclorama => String::new(),
                 other => format!("-{other}"),

@@ -30,13 +30,9 @@ const CONSTANT: Background = Background::Constant([0.2, 0.3, 0.4]);
 
 #[test]
 fn edges_of_flat_scenes_are_as_the_integral_has_them() {
-    // Rms at edges within what is allowed. Single pixels are farther off, at the far ends of walls and markings.
-    for (name, size, largest) in
-        [("city", [160, 90], 2e-3), ("runway", [320, 180], 5e-4), ("overdraw", [80, 45], ALLOWED)]
-    {
+    for (name, size) in [("city", [160, 90]), ("runway", [320, 180]), ("overdraw", [80, 45])] {
         let [exact, points] = compared(name, size, CONSTANT);
-        assert!(exact.edges.rms_linear <= ALLOWED, "{name}: {exact}");
-        assert!(exact.all.max_linear <= largest, "{name}: {exact}");
+        assert!(exact.all.max_linear <= ALLOWED, "{name}: {exact}");
         assert!(exact.edges.rms_linear * 20.0 < points.edges.rms_linear, "{name}: {exact}\n{points}");
     }
 }

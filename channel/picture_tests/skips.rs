@@ -1,4 +1,4 @@
-//! Subobjects that are left out by their boxes change no picture, in any order of the list and any share of the tiles.
+//! What is left out changes no picture, in any order of the list and any share of the tiles.
 
 use super::ALL_SAMPLES;
 use crate::oracle::*;
@@ -50,10 +50,23 @@ fn scene(random: &mut Random) -> SceneStore {
     store_of(placed)
 }
 
+/// All skips, then all but one of each.
+fn choices() -> [Skips; 6] {
+    let all = Skips::default();
+    [
+        all,
+        Skips { hidden: false, ..all },
+        Skips { back_faces: false, ..all },
+        Skips { occluded: false, ..all },
+        Skips { single: false, ..all },
+        Skips { opaque_tiles: false, ..all },
+    ]
+}
+
 #[test]
-fn what_boxes_say_is_hidden_no_sample_sees() {
+fn no_picture_depends_on_what_is_skipped() {
     let mut random = Random(0xB0C5);
-    let mut hidden = 0;
+    let (mut hidden, mut back_faces) = (0, 0);
     for round in 0..60 {
         let store = scene(&mut random);
         let mut state = state();
@@ -70,19 +83,23 @@ fn what_boxes_say_is_hidden_no_sample_sees() {
         } else {
             (0..3).flat_map(|board| shares(BoardId(board), &[1; 3], &setup)).map(|share| share.part).collect()
         };
-        let mut pictures = [true, false].map(|looks| {
+        let mut first = None;
+        for skips in choices() {
             let mut renderer = Renderer::new(NonZeroUsize::new(1 + round % 2).unwrap()).unwrap();
-            renderer.set_skips(Skips { hidden: looks, ..Skips::default() });
+            renderer.set_skips(skips);
             let mut out = TilePictures::new();
             for part in &parts {
                 let stats = renderer.draw(&store, &state, &view, &list, part, &mut out).unwrap();
-                assert!(looks || stats.geometry.hidden_subobjects == 0);
+                assert!(skips.hidden || stats.geometry.hidden_subobjects == 0);
+                assert!(skips.back_faces || stats.geometry.backface == 0);
                 hidden += stats.geometry.hidden_subobjects;
+                back_faces += stats.geometry.backface;
             }
-            Some(draw_with(&mut renderer, &store, &state, &view, &list, &parts))
-        });
-        assert!(pictures[0].take() == pictures[1].take(), "round {round}");
+            let picture = draw_with(&mut renderer, &store, &state, &view, &list, &parts);
+            assert!(picture == *first.get_or_insert_with(|| picture.clone()), "round {round}: {skips:?}");
+        }
     }
+    assert!(back_faces > 500, "{back_faces} back faces were left out");
     assert!(hidden > 500, "{hidden} subobjects were left out");
 }
 
