@@ -74,6 +74,10 @@ struct Resident {
     target_of: u64,
     /// Of the target's order: all before are held or coming.
     sent: usize,
+    /// Of the target's order: all before are held.
+    there: usize,
+    /// There is no room for the next piece, and nothing has happened since that could make some.
+    is_blocked: bool,
     /// Likewise of the catalogue's rest; at its end there is nothing more to send.
     rest: usize,
     /// The lists that the last frame sent names, until it is answered.
@@ -154,6 +158,8 @@ impl Residency {
             target: Target::default(),
             target_of: 0,
             sent: 0,
+            there: 0,
+            is_blocked: false,
             rest: 0,
             drawing: None,
         };
@@ -202,6 +208,8 @@ impl Residency {
         for id in ids {
             let piece = self.catalogue.find(id).ok_or(Violation::Unknown)?;
             board.holdings.on_stored(piece, self.catalogue.memory(piece))?;
+            // One that was wanted when it was sent may be one to give up by now.
+            board.is_blocked &= board.target.set.len() > 0 && board.target.set.has(piece);
         }
         self.generation += 1;
         Ok(())
@@ -304,6 +312,7 @@ impl Residency {
     pub(crate) fn on_sent(&mut self, key: BoardKey, frame: FrameNumber, lists: Vec<(ViewId, u64)>) {
         if let Some(board) = self.boards.get_mut(&key) {
             board.drawing = Some((frame, lists));
+            board.is_blocked = false;
         }
     }
 
@@ -313,6 +322,7 @@ impl Residency {
             && board.drawing.as_ref().is_some_and(|(drawing, _)| *drawing <= frame)
         {
             board.drawing = None;
+            board.is_blocked = false;
         }
     }
 
@@ -332,6 +342,7 @@ impl Residency {
         let soon: Vec<&Need> = (0..ahead).flat_map(|k| views().filter_map(move |view| view.soon.get(k))).collect();
         board.target = target(&self.catalogue, board.holdings.limit(), &now, &soon);
         (board.target_of, board.sent, board.rest) = (self.wishes, 0, 0);
+        (board.there, board.is_blocked) = (0, false);
         self.generation += 1;
     }
 
@@ -355,8 +366,8 @@ impl Residency {
             board.drawing.as_ref().is_some_and(|(_, lists)| lists.iter().any(names))
         };
         let mut make_room = |board: &mut Resident, bytes: u64| {
-            if board.holdings.has_room(bytes) {
-                return true;
+            if board.holdings.has_room(bytes) || board.is_blocked {
+                return !board.is_blocked;
             }
             let mut idle: Vec<u32> =
                 board.holdings.held().iter().filter(|piece| !board.target.set.has(*piece)).collect();
@@ -370,7 +381,8 @@ impl Residency {
                 board.holdings.on_evict(piece, catalogue.memory(piece));
                 plan.evict.push(catalogue.id(piece));
             }
-            board.holdings.has_room(bytes)
+            board.is_blocked = !board.holdings.has_room(bytes);
+            !board.is_blocked
         };
         let mut is_stuck = !make_room(board, 0);
         while let Some(piece) = board.target.order.get(board.sent).copied().filter(|_| !is_stuck) {
@@ -412,12 +424,14 @@ impl Residency {
     /// Whether a board holds all that is needed now and that it has room for.
     pub(crate) fn is_ready(&mut self, key: BoardKey) -> bool {
         self.aim(key);
-        let Some(board) = self.boards.get(&key) else { return false };
-        let (holdings, target) = (&board.holdings, &board.target);
-        let now = &target.order[..target.now_len];
-        board.is_known
-            && holdings.has_room(0)
-            && (holdings.is_whole() || now.iter().all(|piece| holdings.held().has(*piece)))
+        let Some(board) = self.boards.get_mut(&key) else { return false };
+        let Resident { holdings, target, there, .. } = board;
+        // What is aimed at isn't given up, so what has been found there stays there.
+        let is_there = |piece: &u32| holdings.held().has(*piece);
+        while *there < target.now_len && target.order.get(*there).is_some_and(is_there) {
+            *there += 1;
+        }
+        board.is_known && board.holdings.has_room(0) && board.there == board.target.now_len
     }
 
     /// What all boards of each view can draw, `boards` being who draws which.
