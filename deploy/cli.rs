@@ -163,6 +163,9 @@ pub(crate) struct RigArgs {
     /// Camera file to fly; the built-in scene's, `SCENE.path.json`, or a flight round the scene by default
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
+    /// Memory of each board for meshes and textures, MiB; half of this machine's, shared evenly, by default
+    #[arg(long, value_name = "MIB", value_parser = mebibytes)]
+    pub memory_limit: Option<u64>,
     /// End after N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
@@ -214,6 +217,9 @@ pub(crate) struct ManagerArgs {
     /// Which levels of detail are shown, of models that have them
     #[arg(long, env = "CYCLORAMA_DETAIL", value_enum)]
     pub detail: Option<DetailArg>,
+    /// Most memory of each board that is used for meshes and textures, MiB; all that boards offer by default
+    #[arg(long, env = "CYCLORAMA_BOARD_MEMORY", value_name = "MIB", value_parser = mebibytes)]
+    pub board_memory: Option<u64>,
     /// One frame for each pose, waiting for everybody, instead of a rate
     #[arg(long)]
     pub lock_step: bool,
@@ -271,6 +277,10 @@ pub(crate) struct ChannelArgs {
     /// Instruction set to draw with, the best by default; pictures are the same with all
     #[arg(long, env = "CYCLORAMA_SIMD", value_name = "LEVEL", value_parser = simd)]
     pub simd: Option<channel::simd::SimdLevel>,
+    /// Memory for meshes and textures, MiB; half of this machine's by default. What has no room is left out of pictures, or shown
+    /// less detailed
+    #[arg(long, env = "CYCLORAMA_MEMORY_LIMIT", value_name = "MIB", value_parser = mebibytes)]
+    pub memory_limit: Option<u64>,
     /// A name for logs and the console; the process number by default
     #[arg(long, env = "CYCLORAMA_NAME")]
     pub name: Option<String>,
@@ -393,6 +403,8 @@ pub(crate) enum BenchCommand {
     Pixels(Box<PixelsArgs>),
     /// A long flight: frame times from the median to the worst, and memory
     Flight(FlightArgs),
+    /// What travels on a rig's links: list changes with a moving eye, and a still scene's bytes and processor time
+    Wire(WireArgs),
     /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
     Peer(PeerArgs),
 }
@@ -485,6 +497,32 @@ pub(crate) struct FlightArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench wire city --views 3 --boards 3 --json")]
+pub(crate) struct WireArgs {
+    /// A glTF file or the name of a built-in scene
+    #[arg(default_value = "city")]
+    pub scene: String,
+    /// How many views
+    #[arg(long, default_value = "3", value_name = "N", value_parser = views)]
+    pub views: NonZeroU32,
+    /// How many boards
+    #[arg(long, default_value = "3", value_name = "N", value_parser = boards)]
+    pub boards: NonZeroUsize,
+    /// Size of each view, pixels
+    #[arg(long, default_value = "320x180", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Frames of the flight, one for each pose of the camera path
+    #[arg(long, default_value = "300", value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
+    pub frames: u64,
+    /// How long the still scene is watched, s
+    #[arg(long, default_value = "10", value_name = "S", value_parser = positive)]
+    pub seconds: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
 #[command(after_help = "Example:\n  cyclorama bench peer city --poses 60")]
 pub(crate) struct PeerArgs {
     /// A glTF file or the name of a built-in scene
@@ -564,6 +602,11 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number above zero".into())
 }
 
+/// Bytes of a number of MiB.
+fn mebibytes(text: &str) -> Result<u64, String> {
+    positive(text).map(|mib| (mib * f64::from(1 << 20)) as u64).map_err(|_| "expected MiB, above zero".into())
+}
+
 fn rate(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|n: &f64| (0.01..=10_000.0).contains(n));
     number.ok_or_else(|| "expected frames a second, 0.01 to 10000".into())
@@ -613,6 +656,8 @@ mod tests {
         assert_eq!(size("640x360"), Ok((640, 360)));
         assert!(size("0x5").is_err() && size("640").unwrap_err().contains("1280x720"));
         assert!(triple("1,2").is_err() && triple("nan,0,0").is_err());
+        assert_eq!(mebibytes("0.5"), Ok(1 << 19));
+        assert!(mebibytes("0").is_err() && mebibytes("lots").unwrap_err().contains("MiB"));
         assert!(positive("-1").is_err() && positive("inf").is_err());
         assert_eq!(console("off"), Ok(Console::Off));
     }

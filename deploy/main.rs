@@ -34,6 +34,7 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Bench(BenchCommand::Pixels(args)) => bench::pixels(&args),
         Command::Bench(BenchCommand::Flight(args)) => bench::flight(&args),
+        Command::Bench(BenchCommand::Wire(args)) => bench::wire(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
     };
     match result {

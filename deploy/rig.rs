@@ -6,7 +6,7 @@
 use crate::cli::{Console, ModeArg, RigArgs, Supervision};
 use crate::error::CommandError;
 use crate::output::{note, say};
-use crate::serve::{ManagerLine, processors, runtime, shutdown_token};
+use crate::serve::{ManagerLine, machine_memory, processors, runtime, shutdown_token};
 use crate::{rig_file, settings, source};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
@@ -42,6 +42,9 @@ pub(crate) fn run(args: &RigArgs) -> Result<(), CommandError> {
         let outcome = rig.watch(frames).await;
         rig.end().await;
         if let Some(report) = outcome? {
+            if let Some(warning) = substituted(&report) {
+                note(&warning);
+            }
             if args.json {
                 say(&report.to_string());
             } else {
@@ -50,6 +53,17 @@ pub(crate) fn run(args: &RigArgs) -> Result<(), CommandError> {
         }
         Ok(())
     })
+}
+
+/// What to say if frames didn't show all that they should.
+fn substituted(report: &serde_json::Value) -> Option<String> {
+    let count = |name: &str| report.pointer(&format!("/streaming/{name}")).and_then(serde_json::Value::as_u64);
+    let frames = count("frames_substituted").filter(|frames| *frames > 0)?;
+    let (omitted, models) = (count("omitted")?, count("substitutions")?);
+    Some(format!(
+        "warning: {frames} frames don't show all that they should: boards lacked {omitted} subobjects, and {models} models showed other \
+         versions; give boards more memory (--memory-limit) if this is not what you want"
+    ))
 }
 
 fn summary(report: &serde_json::Value) -> String {
@@ -92,6 +106,7 @@ impl Rig {
         let row = settings::row(&args.row, Some(args.mode), &rig_file::RigFile::default())?;
         let boards = args.boards.map_or(row.count as usize, std::num::NonZeroUsize::get);
         let threads = (processors().get() / boards).max(1);
+        let memory = args.memory_limit.unwrap_or_else(|| machine_memory() / 2 / boards as u64);
         let size = format!("{}x{}", row.width, row.height);
 
         let mut manager = own_command(&["manager", "--listen", "127.0.0.1:0", "--pose-listen", "127.0.0.1:0"])?;
@@ -134,6 +149,7 @@ impl Rig {
             let name = format!("{k}");
             let mut board = own_command(&["channel", "--backplane", &backplane.to_string(), "--name", &name])?;
             board.args(["--threads", &threads.to_string()]);
+            board.args(["--memory-limit", &(memory as f64 / f64::from(1 << 20)).to_string()]);
             spawn(board.stdout(Stdio::null()), format!("board {k}"), &mut children, &mut exits)?;
         }
         if let Some(address) = address {

@@ -17,6 +17,8 @@ pub(crate) struct RigFile {
     pub camera: Option<String>,
     /// Frames a second.
     pub rate_hz: Option<f64>,
+    /// Most memory of each board that is used for meshes and textures, MiB.
+    pub board_memory_mib: Option<f64>,
     /// Which levels of detail are shown.
     pub detail: Option<DetailEntry>,
     /// Default row of views, when there are no `[[views]]`.

@@ -142,6 +142,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         advertise: args.advertise.clone(),
         threads,
         simd: args.simd.unwrap_or_default(),
+        memory: args.memory_limit.unwrap_or_else(|| machine_memory() / 2),
         name: args.name.clone().unwrap_or_else(|| std::process::id().to_string()),
         once: args.supervision.supervised,
     };
@@ -160,6 +161,16 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
 /// Processors that this process may use.
 pub(crate) fn processors() -> NonZeroUsize {
     std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
+}
+
+/// Memory that this process may use, bytes: the machine's, or less in a container that has less. A gibibyte where the system doesn't say.
+pub(crate) fn machine_memory() -> u64 {
+    let meminfo = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let total = meminfo.lines().find_map(|line| {
+        line.strip_prefix("MemTotal:")?.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+    });
+    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|text| text.trim().parse().ok());
+    total.into_iter().chain(group).min().unwrap_or(1 << 30)
 }
 
 /// `cyclorama compositor`.

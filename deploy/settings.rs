@@ -197,11 +197,23 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         frames: args.frames,
         wait_for_boards: args.wait_for_boards,
         wait_for_compositor: args.wait_for_compositor,
+        board_memory: board_memory(args, &file)?,
         listen,
         pose_listen,
         console_listen: console,
         progress: Arc::default(),
     })
+}
+
+/// Most memory of each board that is used, bytes.
+fn board_memory(args: &ManagerArgs, file: &RigFile) -> Result<u64, CommandError> {
+    match file.board_memory_mib {
+        Some(mib) if !(mib.is_finite() && mib > 0.0) => Err(CommandError::said("board_memory_mib must be above zero")),
+        written => {
+            let written = written.map(|mib| (mib * f64::from(1 << 20)) as u64);
+            Ok(args.board_memory.or(written).unwrap_or(u64::MAX))
+        }
+    }
 }
 
 /// For the test that reads every example: its views must be usable too.

@@ -25,7 +25,7 @@ use tokio_util::codec::LengthDelimitedCodec;
 compile_error!("bulk payloads are cast, not converted: the wire is little-endian and so must the machine be");
 
 /// Versions of the protocol that this program speaks, both ends included.
-pub const VERSIONS: VersionRange = VersionRange { min: 1, max: 1 };
+pub const VERSIONS: VersionRange = VersionRange { min: 2, max: 2 };
 
 /// First bytes of every connection.
 pub const MAGIC: [u8; 8] = *b"CYCLORMA";
@@ -229,6 +229,23 @@ pub fn within(what: &'static str, value: u64, limit: usize) -> Result<usize, Cod
         return Err(CodecError::Limit { what, value, limit: limit as u64 });
     }
     Ok(value as usize)
+}
+
+/// Names of pieces as a payload, 16 bytes each.
+pub fn encode_ids(ids: &[ContentId]) -> Vec<u8> {
+    ids.iter().flat_map(|id| id.0).collect()
+}
+
+/// The reverse of [`encode_ids`], of at most `limit` names.
+///
+/// # Errors
+/// [`CodecError`].
+pub fn decode_ids(payload: &[u8], limit: usize) -> Result<Vec<ContentId>, CodecError> {
+    let count = within("names of pieces", (payload.len() / 16) as u64, limit)?;
+    let mut reader = Reader::new(payload, "names of pieces");
+    let ids = reader.values::<[u8; 16]>(count)?;
+    reader.finish()?;
+    Ok(ids.into_iter().map(ContentId).collect())
 }
 
 #[derive(Serialize, Deserialize)]
@@ -556,6 +573,15 @@ mod tests {
             break_it(&mut table);
             assert!(decode_table(encode_table(&table)).is_err(), "case {i}");
         }
+    }
+
+    #[test]
+    fn names_of_pieces_come_back_and_are_bounded() {
+        let ids = [ContentId([1; 16]), ContentId([2; 16])];
+        let payload = encode_ids(&ids);
+        assert_eq!(decode_ids(&payload, 2).unwrap(), ids);
+        assert!(matches!(decode_ids(&payload, 1), Err(CodecError::Limit { .. })));
+        assert!(matches!(decode_ids(&payload[..31], 2), Err(CodecError::Trailing(15, _))));
     }
 
     #[test]

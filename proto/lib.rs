@@ -15,6 +15,7 @@ pub mod limits;
 pub mod link;
 pub mod list;
 pub mod message;
+pub mod piece;
 pub mod pose;
 pub mod scene;
 pub mod share;

@@ -28,6 +28,11 @@ pub const MOVED_MAX: usize = 100_000;
 pub const CONTROL_MESSAGE_MAX: usize = 1 << 20;
 /// Largest bulk message (a mesh, a texture, a table slice, a run of tiles), bytes.
 pub const BULK_MESSAGE_MAX: usize = 1 << 28;
+/// Bytes of pieces that may be on their way to a board, sent and not yet confirmed; a single larger piece may too. A frame
+/// waits behind them at most: at a gigabit a second four milliseconds.
+pub const PIECES_IN_FLIGHT_MAX: u64 = 512 << 10;
+/// Most names of pieces in one message from a board.
+pub const PIECE_NAMES_MAX: usize = 60_000;
 /// Longest name of a board, node or host that travels, bytes.
 pub const NAME_MAX: usize = 256;
 /// Most models in one native pose packet.
@@ -39,3 +44,4 @@ const _: () = assert!(
     (TEXTURE_SIZE_MAX as u64) * (TEXTURE_SIZE_MAX as u64) * 4 >= BULK_MESSAGE_MAX as u64,
     "the message limit, not the side limit, bounds a texture's memory"
 );
+const _: () = assert!(PIECE_NAMES_MAX * 16 + 1024 <= CONTROL_MESSAGE_MAX, "boards send control messages only");

@@ -6,6 +6,7 @@ use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
 use crate::frame::{FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
 use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, ViewId};
 use crate::limits;
+use crate::piece::SliceHeader;
 use crate::view::ViewSetup;
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +28,8 @@ pub enum Role {
         threads: u32,
         /// Where its right neighbour can reach it, `host:port`.
         link: String,
+        /// Bytes that it has for meshes and textures, counted as in [`crate::piece`].
+        memory: u64,
     },
     /// A compositor.
     Compositor {
@@ -50,22 +53,11 @@ pub enum ToBoard {
         /// Why, for people.
         reason: String,
     },
-    /// Ask: which of these do you lack? Payload: content ids, 16 bytes each, textures before meshes.
-    Offer {
-        /// The scene: the content id of its tables.
-        scene: ContentId,
-    },
-    /// A mesh. Payload: [`crate::codec::encode_mesh`].
-    Mesh {
-        /// Its name.
-        id: ContentId,
-    },
-    /// A texture. Payload: [`crate::codec::encode_texture`].
-    Texture {
-        /// Its name.
-        id: ContentId,
-    },
-    /// The tables; with them the scene is complete. Payload: [`crate::codec::encode_table`].
+    /// A slice of a mesh or texture. Payload: its bytes.
+    Piece(SliceHeader),
+    /// Give these up. Payload: [`crate::codec::encode_ids`]. No frame that comes after names them.
+    Evict,
+    /// The tables. Payload: [`crate::codec::encode_table`].
     Table {
         /// The content id of the payload.
         scene: ContentId,
@@ -86,9 +78,17 @@ pub enum ToBoard {
 /// Board → backplane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum FromBoard {
-    /// Answer to an offer. Payload: the content ids that are lacking, 16 bytes each.
-    Lacking,
-    /// The scene is complete here.
+    /// First, after the welcome: what has been kept. Payload: [`crate::codec::encode_ids`], at most
+    /// [`limits::PIECE_NAMES_MAX`] of them.
+    Holding {
+        /// The scene whose tables are here.
+        scene: Option<ContentId>,
+        /// Whether another such message follows.
+        more: bool,
+    },
+    /// These have come and can be drawn. Payload: [`crate::codec::encode_ids`].
+    Stored,
+    /// The tables are here.
     Loaded {
         /// Which scene.
         scene: ContentId,
@@ -154,10 +154,24 @@ pub struct FrameHeader {
     pub format: PixelFormat,
     /// For each view that this board draws, how its list changes.
     pub lists: Vec<ListUpdate>,
-    /// How many objects the payload moves.
-    pub moved: u32,
-    /// How many models' weights the payload has.
-    pub weights: u32,
+    /// How the objects change that are elsewhere than the tables say.
+    pub moved: Changes,
+    /// How the models change that don't show their finest version alone.
+    pub weights: Changes,
+}
+
+/// How a set of named things changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Changes {
+    /// What the entries are laid over: nothing, or what was last.
+    pub base: ListBase,
+    /// How many entries the payload has.
+    pub count: u32,
+}
+
+impl Changes {
+    /// Nothing changes.
+    pub const NONE: Self = Self { base: ListBase::Same, count: 0 };
 }
 
 /// How one view's list changes.
@@ -182,14 +196,14 @@ pub enum ListBase {
     Same,
 }
 
-/// The payload of a frame: the objects that are elsewhere than the tables say, the models that don't show their finest
-/// version alone, then the list scripts one after the other. All moved objects and mixed models of the frame are named, not only those
-/// that changed since the last.
+/// The payload of a frame: objects that have moved, models whose weights have changed, then the list scripts one after the
+/// other. An object that is back where the tables have it is named once with that transformation, a model that shows its finest
+/// version alone again is named once without weights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FramePayload {
-    /// Objects elsewhere.
+    /// Objects that have moved.
     pub moved: Vec<Moved>,
-    /// Models whose versions are mixed.
+    /// Models whose weights have changed; none: the finest version alone.
     pub weights: Vec<VersionWeights>,
     /// List scripts, in the order of [`FrameHeader::lists`].
     pub scripts: Vec<u8>,
@@ -217,14 +231,14 @@ impl FramePayload {
     /// # Errors
     /// [`CodecError`] when the payload does not have exactly the length that the header says.
     pub fn decode(header: &FrameHeader, payload: &[u8]) -> Result<Self, CodecError> {
-        let count = within("moved objects", header.moved.into(), limits::MOVED_MAX)?;
+        let count = within("moved objects", header.moved.count.into(), limits::MOVED_MAX)?;
         let mut reader = Reader::new(payload, "frame payload");
         let mut moved = Vec::with_capacity(count.min(payload.len() / 100));
         for _ in 0..count {
             let object = ObjectId(reader.value()?);
             moved.push(Moved { object, transform: take_affine(&mut reader)? });
         }
-        let count = within("models with weights", header.weights.into(), limits::MODELS_MAX)?;
+        let count = within("models with weights", header.weights.count.into(), limits::MODELS_MAX)?;
         let mut weights = Vec::with_capacity(count.min(payload.len() / 8));
         for _ in 0..count {
             let model = ModelId(reader.value()?);

@@ -6,21 +6,28 @@
 //!
 //! Contents have a *slot*, a small number given at first mention, so that a frame finds its meshes by index and not by
 //! name. Nothing is ever iterated in hash order.
+//!
+//! What a piece counts for in a board's memory limit is the same number here and at the manager ([`proto::piece`]), which decides
+//! what is kept.
 
 mod check;
 mod error;
+mod prepared;
 #[cfg(test)]
 mod tests;
 
 pub use error::StoreError;
+pub use prepared::{PieceError, Prepared};
 
 use crate::geometry::plane::FacePlanes;
 use crate::texture::MipTexture;
 use crate::translucency::models::Member;
 use check::{check_mesh, check_table, check_weights};
 use glam::DAffine3;
+use prepared::PreparedContent;
 use proto::frame::{Moved, VersionWeights};
-use proto::ids::{ContentId, ModelId, PlaneId, SubobjectId};
+use proto::ids::{ContentId, ModelId, ObjectId, PlaneId, SubobjectId};
+use proto::piece::mesh_memory;
 use proto::scene::{LightRow, Mesh, NO_PLANE, PlaneRow, SceneTable, SubobjectRow, Texture, TextureUse};
 use std::collections::BTreeMap;
 
@@ -48,14 +55,15 @@ pub struct StoredMesh {
 }
 
 impl StoredMesh {
-    fn new(mesh: Mesh, base_texture: Option<usize>, emissive_texture: Option<usize>) -> Self {
+    /// Without textures: their slots are the store's to give.
+    fn new(mesh: Mesh) -> Self {
         let unit = |n: &[f32; 3]| glam::DVec3::from(n.map(f64::from)).normalize_or_zero().as_vec3().to_array();
         let positions = by_coordinate(mesh.positions.iter().copied());
         let normals = by_coordinate(mesh.normals.iter().map(unit));
         let vertices = || (0..mesh.positions.len()).map(|vertex| mesh.position(vertex));
         let least = vertices().reduce(glam::DVec3::min);
         let bounds = least.zip(vertices().reduce(glam::DVec3::max)).map(|(low, high)| [low, high]);
-        Self { mesh, positions, bounds, normals, base_texture, emissive_texture }
+        Self { mesh, positions, bounds, normals, base_texture: None, emissive_texture: None }
     }
 
     /// Smallest and largest coordinates of its vertices in the mesh's space, computed here; `None` without vertices.
@@ -130,7 +138,10 @@ pub struct SceneStore {
     mesh_slots: BTreeMap<ContentId, usize>,
     meshes: Vec<Option<StoredMesh>>,
     texture_slots: BTreeMap<ContentId, usize>,
-    textures: Vec<Option<MipTexture>>,
+    /// With what each counts for.
+    textures: Vec<Option<(MipTexture, u64)>>,
+    /// The sum of what is here.
+    memory: u64,
     /// Names by slot, for [`SceneStore::missing`].
     mesh_names: Vec<ContentId>,
     texture_names: Vec<ContentId>,
@@ -168,12 +179,7 @@ impl SceneStore {
     /// # Errors
     /// [`StoreError`] says in what the mesh contradicts itself or a limit.
     pub fn insert_mesh(&mut self, id: ContentId, mesh: Mesh) -> Result<(), StoreError> {
-        check_mesh(id, &mesh)?;
-        let material = mesh.material;
-        let base_texture = self.texture_slot(material.base_texture);
-        let emissive_texture = self.texture_slot(material.emissive_texture);
-        let slot = slot(&mut self.mesh_slots, &mut self.mesh_names, &mut self.meshes, id);
-        self.meshes[slot].get_or_insert_with(|| StoredMesh::new(mesh, base_texture, emissive_texture));
+        self.insert(Prepared::mesh(id, mesh)?);
         Ok(())
     }
 
@@ -182,12 +188,44 @@ impl SceneStore {
     /// # Errors
     /// [`StoreError::Texture`] when size and texels don't agree.
     pub fn insert_texture(&mut self, id: ContentId, texture: Texture) -> Result<(), StoreError> {
-        let slot = slot(&mut self.texture_slots, &mut self.texture_names, &mut self.textures, id);
-        if self.textures[slot].is_none() {
-            let made = MipTexture::new(texture).map_err(|error| StoreError::Texture { texture: id, error })?;
-            self.textures[slot] = Some(made);
-        }
+        self.insert(Prepared::texture(id, texture)?);
         Ok(())
+    }
+
+    /// Takes a piece in that has been prepared. One that is held already is left as it is.
+    pub fn insert(&mut self, piece: Prepared) {
+        let Prepared { id, memory, content } = piece;
+        if self.holds(&id) {
+            return;
+        }
+        self.memory += memory;
+        match content {
+            PreparedContent::Mesh(mut stored) => {
+                let material = stored.mesh.material;
+                stored.base_texture = self.texture_slot(material.base_texture);
+                stored.emissive_texture = self.texture_slot(material.emissive_texture);
+                let slot = slot(&mut self.mesh_slots, &mut self.mesh_names, &mut self.meshes, id);
+                self.meshes[slot] = Some(*stored);
+            }
+            PreparedContent::Texture(texture) => {
+                let slot = slot(&mut self.texture_slots, &mut self.texture_names, &mut self.textures, id);
+                self.textures[slot] = Some((texture, memory));
+            }
+        }
+    }
+
+    /// Gives a mesh or texture up. False: it wasn't here.
+    pub fn remove(&mut self, id: &ContentId) -> bool {
+        let mesh = self.mesh_slots.get(id).and_then(|slot| self.meshes[*slot].take());
+        let texture = self.texture_slots.get(id).and_then(|slot| self.textures[*slot].take());
+        let freed = mesh.map(|stored| mesh_memory(&stored.mesh)).or(texture.map(|(_, memory)| memory));
+        self.memory -= freed.unwrap_or(0);
+        freed.is_some()
+    }
+
+    /// Bytes that all that is here counts for.
+    pub fn memory(&self) -> u64 {
+        self.memory
     }
 
     fn texture_slot(&mut self, usage: Option<TextureUse>) -> Option<usize> {
@@ -294,6 +332,11 @@ impl SceneStore {
         missing
     }
 
+    /// Where the table has an object; `None` if it has none of that number.
+    pub fn home(&self, object: ObjectId) -> Option<DAffine3> {
+        self.table.objects.get(object.0 as usize).map(|row| row.transform)
+    }
+
     /// Number of rows of the subobject table.
     pub fn subobjects(&self) -> usize {
         self.placed.len()
@@ -350,6 +393,6 @@ impl SceneStore {
 
     /// The texture in a slot, if it has come.
     pub(crate) fn texture(&self, slot: usize) -> Option<&MipTexture> {
-        self.textures[slot].as_ref()
+        self.textures[slot].as_ref().map(|(texture, _)| texture)
     }
 }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::oracle::{mesh_of, place};
 use glam::DVec3;
-use proto::ids::ObjectId;
+use proto::piece::PieceKind;
 
 fn id(n: u8) -> ContentId {
     ContentId([n; 16])
@@ -78,4 +78,40 @@ fn moving_replaces_the_earlier_moves_and_is_checked() {
         store.set_moved(&[Moved { object: ObjectId(1), transform: nowhere }]),
         Err(StoreError::TransformNotFinite { object: ObjectId(1) })
     );
+}
+
+#[test]
+fn what_is_given_up_is_missing_again_and_its_memory_is_free() {
+    let mut mesh = triangle();
+    mesh.material.base_texture = Some(crate::oracle::texture_use(id(2)));
+    let texture = || Texture { width: 4, height: 2, texels: vec![[255; 4]; 8] };
+    let list = [SubobjectId(0)];
+    let mut store = SceneStore::new();
+    store.set_table(place(&[(id(1), DAffine3::IDENTITY)])).unwrap();
+    store.insert_mesh(id(1), mesh.clone()).unwrap();
+    store.insert_texture(id(2), texture()).unwrap();
+    let both = store.memory();
+    assert_eq!(both, mesh_memory(&mesh) + proto::piece::texture_memory(4, 2));
+    store.insert_texture(id(2), texture()).unwrap();
+    assert_eq!(store.memory(), both, "what is held already counts once");
+    assert!(store.remove(&id(2)) && !store.remove(&id(2)) && !store.remove(&id(7)));
+    assert_eq!((store.memory(), store.missing(&list)), (mesh_memory(&mesh), vec![id(2)]));
+    assert!(store.remove(&id(1)));
+    assert_eq!((store.memory(), store.missing(&list)), (0, vec![id(1)]));
+    assert_eq!(store.contents().count(), 0);
+    store.insert_texture(id(2), texture()).unwrap();
+    store.insert_mesh(id(1), mesh).unwrap();
+    assert_eq!((store.memory(), store.missing(&list)), (both, vec![]), "it can come back, in any order");
+}
+
+#[test]
+fn a_piece_is_what_its_name_says_or_refused() {
+    let bytes = proto::codec::encode_mesh(&triangle());
+    let (name, other) = (ContentId::of(&bytes), id(9));
+    assert!(
+        matches!(Prepared::of_piece(other, PieceKind::Mesh, bytes.clone()), Err(PieceError::Name(named)) if named == other)
+    );
+    assert!(Prepared::of_piece(name, PieceKind::Texture, bytes.clone()).is_err(), "a mesh is no texture");
+    let piece = Prepared::of_piece(name, PieceKind::Mesh, bytes).unwrap();
+    assert_eq!((piece.id(), piece.memory()), (name, mesh_memory(&triangle())));
 }

@@ -5,7 +5,8 @@
 //! | main task (`session`) | the link to the backplane, the chain's core | messages, neighbours, the painter, shutdown |
 //! | neighbour tasks (`neighbours`) | the listening socket, one link each | a neighbour's words |
 //! | outlet task (`outlet`) | the link to the compositor | tiles from the painter |
-//! | painter thread (`painter`) | the scene store, the lists, the pictures | work, in the order in which it came |
+//! | painter thread (`painter`) | the scene store, the lists (`follow`), the pictures | work, in the order in which it came |
+//! | loader thread (`loader`) | the piece that it prepares | pieces of the scene |
 //! | renderer threads | their tiles | the painter |
 //!
 //! Nothing is drawn on tokio's threads. When the backplane is gone the board keeps its scene and its last picture, and knocks
@@ -14,6 +15,8 @@
 //! Shutdown travels as one [`CancellationToken`]: the session asks to leave, waits for the backplane's goodbye at
 //! most 0.7 s, and drops everything else.
 
+mod follow;
+mod loader;
 mod neighbours;
 mod outlet;
 mod painter;
@@ -48,6 +51,8 @@ pub struct Config {
     pub threads: NonZeroUsize,
     /// Instruction set to draw with.
     pub simd: SimdLevel,
+    /// What meshes and textures may count for, bytes ([`proto::piece`]).
+    pub memory: u64,
     /// A name for people.
     pub name: String,
     /// End when the rig ends, instead of waiting for the next one.
@@ -85,7 +90,8 @@ pub async fn run(
     let address = listener.local_addr().map_err(cannot_listen)?;
     let mut renderer = Renderer::new(config.threads).map_err(|error| WorkerError::Threads(error.to_string()))?;
     renderer.set_simd(config.simd);
-    let mut painter = Painter::start(renderer).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    let mut painter =
+        Painter::start(renderer, config.memory).map_err(|error| WorkerError::Threads(error.to_string()))?;
     let mut neighbours = Neighbours::listen(listener);
     listening(address);
 

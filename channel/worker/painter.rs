@@ -1,18 +1,23 @@
 //! The painter: the one thread that owns what the board holds, and draws.
 //!
+//! What it holds is the backplane's to decide: pieces come, prepared by the loader, and are given up when told. More than its memory
+//! limit is refused.
+//!
 //! Work comes in order and lists are followed frame by frame, but when several frames wait only the newest is drawn:
 //! the others' deadlines have passed. What is the same as in the frame before isn't drawn again, and a tile that came out the
 //! same isn't sent again. All tiles are sent after a new wiring, a new link to the compositor, or a frame whose
 //! tiles found no room in the link's queue; only then may the compositor count on what it has.
 
+use super::follow::Followed;
+use super::loader::{self, Raw};
 use crate::pipeline::{DrawStats, Renderer, TilePictures};
-use crate::store::SceneStore;
+use crate::store::{Prepared, SceneStore};
 use bytes::Bytes;
-use proto::codec::{decode_mesh, decode_table, decode_texture, encode};
-use proto::frame::{Environment, FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
-use proto::ids::{ContentId, Epoch, FrameNumber, SubobjectId, ViewId};
-use proto::list::apply;
-use proto::message::{BoardReport, FrameHeader, FramePayload, ListBase, TileMessage};
+use proto::codec::{decode_table, encode};
+use proto::frame::{Environment, FrameState, PixelFormat, TileIndex};
+use proto::ids::{ContentId, Epoch, FrameNumber, ViewId};
+use proto::message::{BoardReport, FrameHeader, TileMessage};
+use proto::piece::PieceKind;
 use proto::share::Share;
 use proto::view::{Pose, ViewSetup};
 use std::collections::BTreeMap;
@@ -28,28 +33,30 @@ const TILE_MESSAGE_BYTES: usize = 8 << 20;
 /// What the painter is asked to do.
 #[derive(Debug)]
 pub(super) enum Work {
-    /// Say which of these are lacking.
-    Offer(Vec<ContentId>),
-    /// Keep a mesh.
-    Mesh(ContentId, Bytes),
-    /// Keep a texture.
-    Texture(ContentId, Bytes),
-    /// Keep the tables; the scene is then complete.
+    /// Say what is held.
+    Inventory,
+    /// Keep a piece that came in that session.
+    Piece(u64, Prepared),
+    /// Give these up.
+    Evict(Vec<ContentId>),
+    /// Keep the tables.
     Table(ContentId, Bytes),
     /// Draw these shares of a frame.
     Frame { header: Box<FrameHeader>, payload: Bytes, shares: Vec<Share> },
     /// The queue to the compositor, or that there is none.
     Outlet(Option<mpsc::Sender<Vec<Bytes>>>),
-    /// The session is over: lists and views are another's from now on. The scene is kept.
-    ForgetSession,
+    /// A session is over and that one begins: lists and views are another's from now on. The scene is kept.
+    ForgetSession(u64),
 }
 
 /// What the painter answers.
 #[derive(Debug)]
 pub(super) enum Painted {
-    /// Of an offer.
-    Lacking(Vec<ContentId>),
-    /// The scene is complete.
+    /// What is held: the scene whose tables are here, and pieces.
+    Holding { scene: Option<ContentId>, ids: Vec<ContentId> },
+    /// A piece of so many bytes is ready to be drawn.
+    Stored { id: ContentId, len: u64 },
+    /// The tables are here.
     Loaded(ContentId),
     /// A frame is drawn and its tiles are queued.
     Ready { frame: FrameNumber, epoch: Epoch, report: BoardReport },
@@ -57,40 +64,54 @@ pub(super) enum Painted {
     Refused(String),
 }
 
-/// The session's end of the painter.
+/// The session's end of the painter and its loader.
 #[derive(Debug)]
 pub(super) struct Painter {
     work: Sender<Work>,
-    answers: mpsc::Receiver<Painted>,
+    pieces: Sender<Raw>,
+    /// With the session that each belongs to.
+    answers: mpsc::Receiver<(u64, Painted)>,
+    session: u64,
 }
 
 impl Painter {
-    /// Starts the thread.
-    pub(super) fn start(renderer: Renderer) -> std::io::Result<Self> {
+    /// Starts the threads. `memory` is what meshes and textures may count for, bytes.
+    pub(super) fn start(renderer: Renderer, memory: u64) -> std::io::Result<Self> {
         let (work, inbox) = std::sync::mpsc::channel();
+        let (pieces, raw) = std::sync::mpsc::channel();
         let (outbox, answers) = mpsc::channel(ANSWERS);
         let hand = Hand {
             renderer,
             store: SceneStore::new(),
-            outbox,
+            memory,
+            scene: None,
+            session: 0,
+            outbox: outbox.clone(),
             outlet: None,
             is_behind: true,
             sent_epoch: None,
-            views: Vec::new(),
-            lists: BTreeMap::new(),
+            followed: Followed::default(),
             drawn: None,
             pictures: BTreeMap::new(),
             spare: TilePictures::new(),
         };
         std::thread::Builder::new().name("painter".into()).spawn(move || hand.run(&inbox))?;
-        Ok(Self { work, answers })
+        let painter = work.clone();
+        std::thread::Builder::new().name("loader".into()).spawn(move || loader::run(&raw, &painter, &outbox))?;
+        Ok(Self { work, pieces, answers, session: 0 })
     }
 
-    /// Hands work over. The queue has no bound of its own: the backplane sends a scene once, and frames at the rig's rate, of
-    /// which all but the newest are only followed.
+    /// Hands work over. The queue has no bound of its own: the backplane sends frames at the rig's rate, of which all but the
+    /// newest are only followed.
     pub(super) fn send(&self, work: Work) {
         // If the thread has ended, `painted` says so.
         let _ = self.work.send(work);
+    }
+
+    /// Hands a piece to the loader. The session bounds how many are under way.
+    pub(super) fn load(&self, id: ContentId, kind: PieceKind, bytes: Bytes) {
+        // If the thread has ended, so has the painter.
+        let _ = self.pieces.send(Raw { session: self.session, id, kind, bytes });
     }
 
     /// For the outlet's task.
@@ -98,28 +119,33 @@ impl Painter {
         self.work.clone()
     }
 
-    /// The next answer; `None`: the painter has ended. Cancel-safe.
+    /// The next answer of this session; `None`: the painter has ended. Cancel-safe.
     pub(super) async fn painted(&mut self) -> Option<Painted> {
-        self.answers.recv().await
+        loop {
+            let (session, painted) = self.answers.recv().await?;
+            if session == self.session {
+                return Some(painted);
+            }
+        }
     }
 
-    /// Forgets everything that belongs to a session; answers that are under way are dropped with it.
+    /// Forgets everything that belongs to a session; what is under way of it is ignored when it comes.
     pub(super) fn forget_session(&mut self) {
-        self.send(Work::ForgetSession);
-        while self.answers.try_recv().is_ok() {}
+        self.session += 1;
+        self.send(Work::ForgetSession(self.session));
     }
 }
 
-/// What decides a picture, besides the lists and the store.
+/// What decides a picture.
 #[derive(Clone, Debug, PartialEq)]
 struct Inputs {
     eye: Pose,
     environment: Environment,
-    moved: Vec<Moved>,
+    /// Of lists, moved objects and weights.
+    revision: u64,
     views: Vec<ViewSetup>,
     shares: Vec<Share>,
     format: PixelFormat,
-    weights: Vec<VersionWeights>,
 }
 
 #[derive(Debug)]
@@ -132,15 +158,19 @@ struct Drawn {
 struct Hand {
     renderer: Renderer,
     store: SceneStore,
-    outbox: mpsc::Sender<Painted>,
+    /// What the store may count for, bytes.
+    memory: u64,
+    /// Whose tables the store has.
+    scene: Option<ContentId>,
+    session: u64,
+    outbox: mpsc::Sender<(u64, Painted)>,
     outlet: Option<mpsc::Sender<Vec<Bytes>>>,
     /// The compositor lacks tiles that were drawn: all must be sent.
     is_behind: bool,
     /// The wiring under which tiles were sent last.
     sent_epoch: Option<Epoch>,
-    views: Vec<ViewSetup>,
-    lists: BTreeMap<ViewId, Vec<SubobjectId>>,
-    /// The frame that `pictures` show; `None` also when a list has changed since.
+    followed: Followed,
+    /// The frame that `pictures` show.
     drawn: Option<Drawn>,
     /// What was drawn, by view.
     pictures: BTreeMap<ViewId, TilePictures>,
@@ -173,29 +203,35 @@ impl Hand {
 
     fn answer(&self, painted: Painted) {
         // Nobody listens when the daemon ends; the work queue closes next.
-        let _ = self.outbox.blocking_send(painted);
+        let _ = self.outbox.blocking_send((self.session, painted));
     }
 
     fn take(&mut self, work: Work, job: &mut Option<Job>) -> Result<(), String> {
         match work {
-            Work::Offer(ids) => {
-                let lacking = ids.into_iter().filter(|id| !self.store.holds(id)).collect();
-                self.answer(Painted::Lacking(lacking));
+            Work::Inventory => {
+                let ids = self.store.contents().collect();
+                self.answer(Painted::Holding { scene: self.scene, ids });
             }
-            Work::Mesh(id, bytes) => {
-                named(id, &bytes)?;
-                let mesh = decode_mesh(bytes).map_err(|error| error.to_string())?;
-                self.store.insert_mesh(id, mesh).map_err(|error| error.to_string())?;
+            // The backplane of this session hasn't sent it, and doesn't know of it.
+            Work::Piece(session, _) if session != self.session => {}
+            Work::Piece(_, piece) => {
+                let needed = self.store.memory().saturating_add(piece.memory());
+                if needed > self.memory {
+                    let limit = self.memory;
+                    return Err(format!("piece {} needs {needed} bytes of memory, the limit is {limit}", piece.id()));
+                }
+                self.store.insert(piece);
             }
-            Work::Texture(id, bytes) => {
-                named(id, &bytes)?;
-                let texture = decode_texture(bytes).map_err(|error| error.to_string())?;
-                self.store.insert_texture(id, texture).map_err(|error| error.to_string())?;
+            Work::Evict(ids) => {
+                if let Some(id) = ids.iter().find(|id| !self.store.remove(id)) {
+                    return Err(format!("piece {id} can't be given up: it isn't here"));
+                }
             }
             Work::Table(scene, bytes) => {
                 named(scene, &bytes)?;
                 let table = decode_table(bytes).map_err(|error| error.to_string())?;
                 self.store.set_table(table).map_err(|error| error.to_string())?;
+                self.scene = Some(scene);
                 self.drawn = None;
                 self.answer(Painted::Loaded(scene));
             }
@@ -211,9 +247,9 @@ impl Hand {
                     self.deliver(frame, epoch, None);
                 }
             }
-            Work::ForgetSession => {
-                self.lists.clear();
-                self.views.clear();
+            Work::ForgetSession(session) => {
+                self.session = session;
+                self.followed.clear();
                 self.drawn = None;
                 self.outlet = None;
                 self.is_behind = true;
@@ -226,48 +262,20 @@ impl Hand {
 
     /// Follows the views and lists of a frame; it becomes the newest job.
     fn follow(&mut self, header: FrameHeader, payload: &[u8], shares: Vec<Share>) -> Result<Option<Job>, String> {
-        let content = FramePayload::decode(&header, payload).map_err(|error| error.to_string())?;
-        if let Some(views) = header.views {
+        if let Some(views) = &header.views {
             // The compositor clears its canvas when sizes or places change.
-            self.is_behind |= views.iter().map(shape).ne(self.views.iter().map(shape));
-            self.views = views;
+            self.is_behind |= views.iter().map(shape).ne(self.followed.views.iter().map(shape));
         }
-        let mut scripts = &content.scripts[..];
-        let mut kept = BTreeMap::new();
-        let limit = self.store.subobjects();
-        for update in &header.lists {
-            // `FramePayload::decode` has checked the sum.
-            let (script, rest) = scripts.split_at(update.script_bytes as usize);
-            scripts = rest;
-            let last = self.lists.remove(&update.view);
-            let list = match (update.base, last) {
-                (ListBase::Same, Some(last)) => last,
-                (ListBase::Last, Some(last)) => {
-                    let mut list = Vec::new();
-                    apply(&last, script, limit, &mut list).map_err(|error| error.to_string())?;
-                    self.drawn = None;
-                    list
-                }
-                (ListBase::Empty, _) => {
-                    let mut list = Vec::new();
-                    apply(&[], script, limit, &mut list).map_err(|error| error.to_string())?;
-                    self.drawn = None;
-                    list
-                }
-                (ListBase::Same | ListBase::Last, None) => return Err("changes to a list that was never sent".into()),
-            };
-            kept.insert(update.view, list);
-        }
-        self.lists = kept;
+        let store = &self.store;
+        self.followed.take(&header, payload, store.subobjects(), |object| store.home(object))?;
         let FrameState { eye, environment, .. } = header.state;
         let inputs = Inputs {
             eye,
             environment,
-            moved: content.moved,
-            views: self.views.clone(),
+            revision: self.followed.revision(),
+            views: self.followed.views.clone(),
             shares,
             format: header.format,
-            weights: content.weights,
         };
         Ok(Some(Job { state: header.state, inputs }))
     }
@@ -282,9 +290,8 @@ impl Hand {
             report.frames_unchanged = 1;
         } else {
             self.drawn = None;
-            let set =
-                self.store.set_moved(&job.inputs.moved).and_then(|()| self.store.set_weights(&job.inputs.weights));
-            if let Err(error) = set {
+            let moved = self.store.set_moved(&self.followed.moved());
+            if let Err(error) = moved.and_then(|()| self.store.set_weights(&self.followed.weights())) {
                 self.answer(Painted::Refused(error.to_string()));
                 return;
             }
@@ -299,7 +306,7 @@ impl Hand {
                 self.spare = blank(job.inputs.format);
             }
             let Some(setup) = job.inputs.views.get(share.view.0 as usize) else { continue };
-            let list = self.lists.get(&share.view).map_or(&[][..], Vec::as_slice);
+            let list = self.followed.list(share.view);
             match self.renderer.draw(&self.store, &job.state, &setup.view, list, &share.part, &mut self.spare) {
                 Ok(stats) => count(&mut report, &stats),
                 Err(error) => {

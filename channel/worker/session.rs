@@ -5,11 +5,12 @@ use super::painter::{Painted, Painter, Work};
 use super::{Config, LEAVE_TIMEOUT, outlet};
 use bytes::Bytes;
 use proto::chain::{BoardChain, BoardOutput};
-use proto::codec::{CodecError, Reader};
-use proto::ids::{BoardKey, ContentId};
+use proto::codec::{CodecError, decode_ids, encode_ids};
+use proto::ids::BoardKey;
 use proto::limits;
 use proto::link::{self, Link, LinkError};
 use proto::message::{FrameHeader, FromBoard, Hello, Role, ToBoard};
+use proto::piece::{Assembler, SliceHeader};
 use proto::share::shares;
 use proto::view::ViewSetup;
 use std::net::SocketAddr;
@@ -40,6 +41,9 @@ pub(super) struct Session {
     key: BoardKey,
     views: Vec<ViewSetup>,
     outlet: Option<(String, DropGuard)>,
+    assembler: Assembler,
+    /// Bytes of pieces that have begun to come and aren't ready to be drawn.
+    loading: u64,
 }
 
 impl Session {
@@ -53,7 +57,7 @@ impl Session {
             let link = config.advertise.clone();
             let link = link.unwrap_or_else(|| SocketAddr::new(ip, listening.port()).to_string());
             let mut backplane = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
-            let role = Role::Board { threads: config.threads.get() as u32, link };
+            let role = Role::Board { threads: config.threads.get() as u32, link, memory: config.memory };
             link::send(&mut backplane, &Hello { name: config.name.clone(), role }, &[]).await?;
             Ok::<_, LinkError>(backplane)
         };
@@ -61,7 +65,15 @@ impl Session {
             return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
         };
         let key = BoardKey(0);
-        Ok(Self { backplane: backplane?, chain: BoardChain::new(key), key, views: Vec::new(), outlet: None })
+        Ok(Self {
+            backplane: backplane?,
+            chain: BoardChain::new(key),
+            key,
+            views: Vec::new(),
+            outlet: None,
+            assembler: Assembler::default(),
+            loading: 0,
+        })
     }
 
     /// Serves until the end of the session.
@@ -117,6 +129,7 @@ impl Session {
                 tracing::info!(%key, "connected");
                 self.key = key;
                 self.chain = BoardChain::new(key);
+                painter.send(Work::Inventory);
             }
             ToBoard::Refused { reason } => return Err(End::Refused(reason)),
             ToBoard::Goodbye => return Err(End::Goodbye),
@@ -126,16 +139,28 @@ impl Session {
                     self.outlet = address.map(|at| (at.clone(), outlet::keep(at, self.key, painter.work())));
                 }
             }
-            ToBoard::Offer { .. } => {
-                let mut reader = Reader::new(&payload, "offer");
-                let ids = reader.values::<[u8; 16]>(payload.len() / 16).map_err(|e| End::Lost(e.into()))?;
-                painter.send(Work::Offer(ids.into_iter().map(ContentId).collect()));
+            ToBoard::Piece(head) => self.on_slice(&head, &payload, painter).map_err(|e| End::Lost(e.into()))?,
+            ToBoard::Evict => {
+                let ids = decode_ids(&payload, limits::SUBOBJECTS_MAX).map_err(|e| End::Lost(e.into()))?;
+                painter.send(Work::Evict(ids));
             }
-            ToBoard::Mesh { id } => painter.send(Work::Mesh(id, payload)),
-            ToBoard::Texture { id } => painter.send(Work::Texture(id, payload)),
             ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
             ToBoard::Chain(message) => self.chain.on_backplane(message),
             ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
+        }
+        Ok(())
+    }
+
+    fn on_slice(&mut self, head: &SliceHeader, slice: &[u8], painter: &Painter) -> Result<(), CodecError> {
+        if head.offset == 0 {
+            let (value, limit) = (self.loading.saturating_add(head.total), limits::PIECES_IN_FLIGHT_MAX);
+            if self.loading > 0 && value > limit {
+                return Err(CodecError::Limit { what: "bytes of pieces under way", value, limit });
+            }
+            self.loading = value;
+        }
+        if let Some((id, kind, bytes)) = self.assembler.take(head, slice)? {
+            painter.load(id, kind, bytes);
         }
         Ok(())
     }
@@ -183,9 +208,20 @@ impl Session {
 
     async fn on_painted(&mut self, painted: Painted) -> Result<(), LinkError> {
         match painted {
-            Painted::Lacking(ids) => {
-                let payload: Vec<u8> = ids.iter().flat_map(|id| id.0).collect();
-                link::send(&mut self.backplane, &FromBoard::Lacking, &payload).await
+            Painted::Holding { scene, ids } => {
+                let mut runs = ids.chunks(limits::PIECE_NAMES_MAX).peekable();
+                loop {
+                    let names = encode_ids(runs.next().unwrap_or_default());
+                    let more = runs.peek().is_some();
+                    link::send(&mut self.backplane, &FromBoard::Holding { scene, more }, &names).await?;
+                    if !more {
+                        return Ok(());
+                    }
+                }
+            }
+            Painted::Stored { id, len } => {
+                self.loading = self.loading.saturating_sub(len);
+                link::send(&mut self.backplane, &FromBoard::Stored, &id.0).await
             }
             Painted::Loaded(scene) => link::send(&mut self.backplane, &FromBoard::Loaded { scene }, &[]).await,
             Painted::Ready { frame, epoch, report } => {

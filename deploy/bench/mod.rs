@@ -3,7 +3,7 @@
 //! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
 //! those that draw in it, turn by turn, `flight` draws one path for long, `instructions` counts
 //! what times can't tell on a busy machine, `truth` says how far their pictures are from the reference, `peer` is the process
-//! that llvmpipe draws in.
+//! that llvmpipe draws in; `wire` flies real rigs and counts what travels.
 
 mod entrant;
 mod flight;
@@ -11,10 +11,12 @@ mod instructions;
 mod peer;
 mod pixels;
 mod truth;
+mod wire;
 
 pub(crate) use flight::flight;
 pub(crate) use peer::peer;
 pub(crate) use pixels::pixels;
+pub(crate) use wire::wire;
 
 use crate::in_process::look;
 use manager::host::camera::{CameraFile, CameraPose};

@@ -1,57 +1,38 @@
-//! The scene as payloads: what a board that holds nothing is sent, each piece under its name, encoded once for all boards.
+//! The scene as payloads: what boards are sent, each piece under its name. Pieces are encoded when they are sent, not kept: the scene has
+//! them already.
 
 use crate::scene::Scene;
 use bytes::Bytes;
 use proto::codec;
 use proto::ids::ContentId;
 use proto::message::ToBoard;
-use std::collections::BTreeMap;
+use proto::piece::{PieceKind, Slices};
+use std::sync::Arc;
 
 /// See the module's head.
 #[derive(Debug)]
 pub(crate) struct Content {
     /// The content id of the tables: the scene's name on the wire.
-    pub scene: ContentId,
+    pub id: ContentId,
     /// The tables, ready to send.
     pub table: Bytes,
-    /// Every texture and mesh, ready to send.
-    pieces: BTreeMap<ContentId, Bytes>,
-    /// Textures before the meshes that use them.
-    order: Vec<ContentId>,
+    scene: Arc<Scene>,
 }
 
 impl Content {
-    pub(crate) fn of(scene: &Scene) -> Self {
+    pub(crate) fn of(scene: Arc<Scene>) -> Self {
         let payload = codec::encode_table(&scene.table);
         let id = ContentId::of(&payload);
-        let mut pieces = BTreeMap::new();
-        let mut order = Vec::new();
-        for (id, texture) in &scene.textures {
-            let message = codec::encode(&ToBoard::Texture { id: *id }, &codec::encode_texture(texture));
-            pieces.insert(*id, message);
-            order.push(*id);
-        }
-        for (id, mesh) in &scene.meshes {
-            let message = codec::encode(&ToBoard::Mesh { id: *id }, &codec::encode_mesh(mesh));
-            pieces.insert(*id, message);
-            order.push(*id);
-        }
-        Self { scene: id, table: codec::encode(&ToBoard::Table { scene: id }, &payload), pieces, order }
+        Self { id, table: codec::encode(&ToBoard::Table { scene: id }, &payload), scene }
     }
 
-    /// The question which pieces a board lacks: every id.
-    pub(crate) fn offer(&self) -> Bytes {
-        let ids: Vec<u8> = self.order.iter().flat_map(|id| id.0).collect();
-        codec::encode(&ToBoard::Offer { scene: self.scene }, &ids)
-    }
-
-    /// A piece, ready to send.
-    pub(crate) fn piece(&self, id: &ContentId) -> Option<Bytes> {
-        self.pieces.get(id).cloned()
-    }
-
-    /// How many pieces there are.
-    pub(crate) fn len(&self) -> usize {
-        self.order.len()
+    /// A piece, ready to send slice by slice; nothing if the scene doesn't have it.
+    pub(crate) fn piece(&self, id: ContentId, kind: PieceKind) -> impl Iterator<Item = Bytes> + Send + use<> {
+        let bytes = match kind {
+            PieceKind::Mesh => self.scene.meshes.get(&id).map(|mesh| codec::encode_mesh(mesh)),
+            PieceKind::Texture => self.scene.textures.get(&id).map(|texture| codec::encode_texture(texture)),
+        };
+        let slices = bytes.into_iter().flat_map(move |bytes| Slices::of(id, kind, bytes));
+        slices.map(|(head, slice)| codec::encode(&ToBoard::Piece(head), &slice))
     }
 }

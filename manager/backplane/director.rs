@@ -1,10 +1,15 @@
 //! What a frame shows: the scene with its moved entities, the eye, the views, and each view's list.
+//!
+//! Two steps. [`Director::select`] says what should be seen, if anything has changed that decides it; [`Director::settle`] makes of that what
+//! frames show, given what boards can draw. A still scene passes both without any work.
 
+use super::changes::Book;
 use super::lists::Lists;
+use super::residency::{Available, Catalogue, foresight, substitute};
 use crate::scene::{Entities, NodeIndex, Scene};
 use crate::select::{Counters, Detail, DetailMode, LevelTable, Selection, Selector, detail};
 use proto::frame::{Environment, Moved, VersionWeights};
-use proto::ids::ModelId;
+use proto::ids::{ModelId, SubobjectId};
 use proto::pose::{EntityRef, PosePacket, name_hash};
 use proto::view::{Mode, Pose, Samples, Tangents, View, ViewSetup};
 use std::collections::BTreeMap;
@@ -50,6 +55,15 @@ pub struct Stage {
     pub eye: Pose,
 }
 
+/// What a frame shows instead of what it should.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Substituted {
+    /// Models that show other versions than they should.
+    pub models: u64,
+    /// Subobjects left out, each view counted.
+    pub omitted: u64,
+}
+
 /// See the module's head.
 #[derive(Debug)]
 pub(crate) struct Director {
@@ -62,12 +76,23 @@ pub(crate) struct Director {
     detail: Detail,
     selector: Selector,
     selection: Selection,
+    /// The views' lists if every board held everything.
+    wanted: Vec<Vec<SubobjectId>>,
+    /// Likewise how models are mixed, by the host or by detail; those that aren't named show their finest version.
+    weights: Vec<VersionWeights>,
+    /// Something has changed since the last selection that decides what is seen.
+    is_stale: bool,
+    /// For which choice of what is available lists were made last.
+    settled: Option<Available>,
+    substituted: Substituted,
+    /// What frames show.
     pub lists: Lists,
-    pub moved: Vec<Moved>,
+    /// The objects that aren't where the tables have them.
+    pub moved: Book<Moved>,
+    /// How models are mixed in frames.
+    pub mixtures: Book<VersionWeights>,
     /// Models that the host mixes, ascending.
     given: Vec<VersionWeights>,
-    /// How models are mixed in this frame, by the host or by detail; those that aren't named show their finest version.
-    pub weights: Vec<VersionWeights>,
     /// Grows when the views change.
     pub views_revision: u64,
 }
@@ -91,10 +116,15 @@ impl Director {
             detail,
             selector: Selector::new(),
             selection: Selection::default(),
-            lists: Lists::default(),
-            moved: Vec::new(),
-            given: Vec::new(),
+            wanted: Vec::new(),
             weights: Vec::new(),
+            is_stale: true,
+            settled: None,
+            substituted: Substituted::default(),
+            lists: Lists::default(),
+            moved: Book::default(),
+            mixtures: Book::default(),
+            given: Vec::new(),
             views_revision: 1,
         }
     }
@@ -113,12 +143,14 @@ impl Director {
 
     /// Takes what a host said. Returns how many entities and models the scene doesn't have.
     pub(crate) fn on_pose(&mut self, packet: &PosePacket) -> u64 {
+        self.is_stale |= self.stage.eye != packet.eye;
         self.stage.eye = packet.eye;
         if let (Some(lens), Some(row)) = (packet.lens, self.stage.row) {
             let views = row.views(lens);
             if views != self.stage.views {
                 self.stage.views = views;
                 self.views_revision += 1;
+                self.is_stale = true;
             }
         }
         let mut unknown = 0;
@@ -128,11 +160,14 @@ impl Director {
                 EntityRef::Number(number) => self.stage.scene.node_by_entity(number),
             };
             match node {
-                Some(node) => self.entities.set(&self.stage.scene, node, entity.pose),
+                Some(node) => {
+                    self.is_stale |= self.entities.poses().get(&node) != Some(&entity.pose);
+                    self.entities.set(&self.stage.scene, node, entity.pose);
+                }
                 None => unknown += 1,
             }
         }
-        self.given.clear();
+        let before = std::mem::take(&mut self.given);
         for model in &packet.models {
             match self.models.get(&model.name) {
                 Some((id, versions)) if *versions as usize == model.weights.len() => {
@@ -145,32 +180,95 @@ impl Director {
         self.given.reverse();
         self.given.sort_by_key(|given| given.model);
         self.given.dedup_by_key(|given| given.model);
+        self.is_stale |= self.given != before;
         unknown
     }
 
-    /// Makes the lists of all views for the present eye and entities. Returns the counts, one entry per view.
-    pub(crate) fn select(&mut self) -> impl Iterator<Item = Counters> {
-        self.entities.moved(&mut self.moved);
+    /// Selects what all views should show to the present eye with the present entities; the counts, one entry per view. `None`: nothing
+    /// has changed since, and what was selected holds.
+    pub(crate) fn select(&mut self) -> Option<Vec<Counters>> {
+        if !std::mem::take(&mut self.is_stale) {
+            return None;
+        }
+        self.settled = None;
         let Stage { scene, views, environment, eye, .. } = &self.stage;
         let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
         let (given, out) = (&self.given, &mut self.weights);
         self.detail.select(scene, &self.entities, given, eye.position, factor, environment.visibility_m, out);
-        let mut counts = Vec::with_capacity(self.stage.views.len());
-        for (i, setup) in self.stage.views.iter().enumerate() {
-            let Stage { scene, eye, environment, .. } = &self.stage;
-            let visibility = environment.visibility_m;
-            self.selector.select(
-                scene,
-                &self.entities,
-                &self.weights,
-                *eye,
-                &setup.view,
-                visibility,
-                &mut self.selection,
-            );
+        self.wanted.resize(views.len(), Vec::new());
+        let mut counts = Vec::with_capacity(views.len());
+        let weights = std::mem::take(&mut self.weights);
+        for view in 0..self.wanted.len() {
+            self.select_view(view, &weights);
             counts.push(self.selection.counters);
-            self.lists.set(i, &mut self.selection.subobjects);
+            std::mem::swap(&mut self.wanted[view], &mut self.selection.subobjects);
         }
-        counts.into_iter()
+        self.weights = weights;
+        Some(counts)
+    }
+
+    /// Selects for one view, into `selection`.
+    fn select_view(&mut self, view: usize, weights: &[VersionWeights]) {
+        let Stage { scene, views, environment, eye, .. } = &self.stage;
+        let (entities, visibility, out) = (&self.entities, environment.visibility_m, &mut self.selection);
+        self.selector.select(scene, entities, weights, *eye, &views[view].view, visibility, out);
+    }
+
+    /// What a view should show.
+    pub(crate) fn wanted(&self, view: usize) -> &[SubobjectId] {
+        self.wanted.get(view).map_or(&[], Vec::as_slice)
+    }
+
+    /// Makes of what should be seen what frames show, boards having what is available.
+    pub(crate) fn settle(&mut self, catalogue: &Catalogue, available: &Available) -> Substituted {
+        if self.settled.as_ref() == Some(available) {
+            return self.substituted;
+        }
+        self.substituted = Substituted::default();
+        let mixed = if available.is_all() {
+            None
+        } else {
+            substitute::models(catalogue, &self.wanted, &self.weights, available)
+        };
+        let mut weights = match mixed {
+            Some((weights, models)) => {
+                self.substituted.models = models;
+                weights
+            }
+            None => self.weights.clone(),
+        };
+        for view in 0..self.wanted.len() {
+            if self.substituted.models > 0 {
+                // Other versions are seen elsewhere.
+                self.select_view(view, &weights);
+            } else {
+                self.selection.subobjects.clone_from(&self.wanted[view]);
+            }
+            let list = &mut self.selection.subobjects;
+            if !available.is_all() {
+                self.substituted.omitted += substitute::omit(catalogue, view, list, available);
+            }
+            self.lists.set(view, list);
+        }
+        self.mixtures.set(&mut weights, |row| row.model, |row| VersionWeights { weights: Vec::new(), ..row.clone() });
+        let mut moved = Vec::new();
+        self.entities.moved(&mut moved);
+        let home = &self.stage.scene.table.objects;
+        let rest = |row: &Moved| Moved { transform: home[row.object.0 as usize].transform, ..*row };
+        self.moved.set(&mut moved, |row| row.object, rest);
+        self.settled = Some(available.clone());
+        self.substituted
+    }
+
+    /// What a view, a little widened, would show to an eye elsewhere.
+    pub(crate) fn foresee(&mut self, view: usize, eye: Pose) -> &[SubobjectId] {
+        let Stage { scene, views, environment, .. } = &self.stage;
+        let Some(setup) = views.get(view) else { return &[] };
+        let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
+        let (entities, visibility, out) = (&self.entities, environment.visibility_m, &mut self.selection);
+        let mut weights = Vec::new();
+        self.detail.select(scene, entities, &self.given, eye.position, factor, visibility, &mut weights);
+        self.selector.select(scene, entities, &weights, eye, &foresight::widened(&setup.view), visibility, out);
+        &self.selection.subobjects
     }
 }

@@ -2,30 +2,32 @@
 //!
 //! It takes facts from its queue, hands them to the cores ([`BackplaneChain`], [`FrameClock`], [`Director`]), and carries
 //! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
-//! the compositor → the host's answer).
+//! the compositor → the host's answer). `frame` opens frames, `feed` sends pieces of the scene.
+
+mod feed;
+mod frame;
 
 use super::Config;
+use super::calm::Calm;
 use super::content::Content;
 use super::director::Director;
-use super::links::{Outbox, content_ids};
-use super::statistics::{Report, Statistics};
+use super::links::{Outbox, Traffic};
+use super::statistics::{BoardMemory, LinkBytes, Present, Report, Statistics};
+use super::stream::Stream;
 use crate::host::native::Freshness;
 use bytes::Bytes;
-use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock, Wiring};
+use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock};
 use proto::codec::encode;
-use proto::frame::{FrameState, PixelFormat};
-use proto::ids::{BoardId, BoardKey, FrameNumber, ViewId};
+use proto::frame::PixelFormat;
+use proto::ids::{BoardKey, FrameNumber, ViewId};
 use proto::limits;
-use proto::message::{
-    FrameHeader, FramePayload, FromBoard, FromCompositor, Hello, ListUpdate, Role, Swap, ToBoard, ToCompositor,
-};
+use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, ToBoard, ToCompositor};
 use proto::pose::{Answer, PosePacket};
-use proto::share::shares;
 use proto::time::Time;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tokio::net::UdpSocket;
@@ -75,10 +77,39 @@ struct Board {
     outbox: Outbox,
     /// Revision of each view's list that it holds.
     lists: BTreeMap<ViewId, u64>,
+    /// Revisions of what is moved and mixed that it holds.
+    moved: Option<u64>,
+    mixtures: Option<u64>,
     /// Revision of the views that it holds.
     views: u64,
+    /// When it came.
+    since: Time,
+    /// Whether it has the tables, and is in the row.
+    has_table: bool,
+    has_joined: bool,
     /// Whether it asked to leave, or was told to.
     is_leaving: bool,
+    /// Whether its link has been cut: what it still says doesn't count.
+    is_out: bool,
+}
+
+impl Board {
+    fn new(name: String, link: String, outbox: Outbox, since: Time) -> Self {
+        Self {
+            name,
+            link,
+            outbox,
+            lists: BTreeMap::new(),
+            moved: None,
+            mixtures: None,
+            views: 0,
+            since,
+            has_table: false,
+            has_joined: false,
+            is_leaving: false,
+            is_out: false,
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -108,6 +139,13 @@ pub(crate) struct Engine {
     chain: BackplaneChain,
     clock: FrameClock,
     director: Director,
+    stream: Stream,
+    traffic: Arc<Traffic>,
+    calm: Calm,
+    /// Subobjects that the present selection leaves out.
+    culled: u64,
+    /// The last frame that waited for pieces.
+    waited: Option<FrameNumber>,
     boards: BTreeMap<BoardKey, Board>,
     compositor: Option<Compositor>,
     statistics: Statistics,
@@ -127,8 +165,15 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    pub(crate) fn new(mut config: Config, content: Arc<Content>, poses: Arc<UdpSocket>, started: Instant) -> Self {
+    pub(crate) fn new(
+        mut config: Config,
+        content: Arc<Content>,
+        poses: Arc<UdpSocket>,
+        traffic: Arc<Traffic>,
+        started: Instant,
+    ) -> Self {
         config.wait_for_boards = config.wait_for_boards.max(1);
+        let stream = Stream::new(&config.stage.scene);
         let director = Director::new(config.stage.clone());
         let clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
         Self {
@@ -139,6 +184,11 @@ impl Engine {
             chain: BackplaneChain::new(),
             clock,
             director,
+            stream,
+            traffic,
+            calm: Calm::default(),
+            culled: 0,
+            waited: None,
             boards: BTreeMap::new(),
             compositor: None,
             statistics: Statistics::default(),
@@ -172,6 +222,7 @@ impl Engine {
             self.chain.on_timeout(now);
             self.clock.on_timeout(now);
             self.drain();
+            self.admit();
             self.open_if_due();
             self.drain();
         }
@@ -259,16 +310,17 @@ impl Engine {
                 outbox.close();
                 self.log("refused", format!("a board too many, from {from}"));
             }
-            Role::Board { threads, link } => {
+            Role::Board { threads, link, memory } => {
                 let compositor = self.compositor.as_ref().map(|c| c.listen.clone());
                 let is_taken = outbox.send(encode(&ToBoard::Welcome { key }, &[]))
-                    && outbox.send(encode(&ToBoard::Compositor { address: compositor }, &[]))
-                    && outbox.send(self.content.offer());
+                    && outbox.send(encode(&ToBoard::Compositor { address: compositor }, &[]));
                 if is_taken {
-                    self.log("connected", format!("board {} ({from}, {threads} threads), {key:?}", hello.name));
-                    let board =
-                        Board { name: hello.name, link, outbox, lists: BTreeMap::new(), views: 0, is_leaving: false };
-                    self.boards.insert(key, board);
+                    let (name, room) = (&hello.name, memory >> 20);
+                    let detail = format!("board {name} ({from}, {threads} threads, {room} MiB), {key:?}");
+                    self.log("connected", detail);
+                    self.stream.on_board(key, memory, self.config.board_memory);
+                    let now = self.now();
+                    self.boards.insert(key, Board::new(hello.name, link, outbox, now));
                 }
             }
             Role::Compositor { listen, format } => {
@@ -313,6 +365,8 @@ impl Engine {
     fn on_lost(&mut self, key: BoardKey, reason: &str) {
         let now = self.now();
         if let Some(board) = self.boards.remove(&key) {
+            self.stream.on_lost(key);
+            self.calm.disturb();
             self.chain.on_lost(now, key);
             self.clock.on_lost(now, key);
             // A wiring without it may have closed already, because it asked to leave.
@@ -337,28 +391,17 @@ impl Engine {
     fn on_board(&mut self, key: BoardKey, message: FromBoard, payload: &Bytes) {
         let now = self.now();
         // A message that was under way when the board was dropped.
-        let Some(board) = self.boards.get_mut(&key) else { return };
+        let Some(board) = self.boards.get_mut(&key).filter(|board| !board.is_out) else { return };
         match message {
-            FromBoard::Lacking => match content_ids(payload) {
-                Some(lacking) => {
-                    self.statistics.skipped.meshes_cached += self.content.len().saturating_sub(lacking.len()) as u64;
-                    board.outbox.send_pieces(lacking);
-                }
-                None => self.put_out(key, "its answer to an offer is malformed"),
-            },
-            FromBoard::Loaded { scene } if scene == self.content.scene => {
-                let (link, name) = (board.link.clone(), board.name.clone());
-                if self.chain.on_join(now, key, link) {
-                    self.log("joined", format!("board {name} ({key:?})"));
-                } else {
-                    self.put_out(key, "the row is full, or it joined twice");
-                }
-            }
-            FromBoard::Loaded { .. } => self.put_out(key, "it loaded another scene"),
+            FromBoard::Holding { scene, more } => self.on_holding(key, scene, more, payload),
+            FromBoard::Stored => self.on_stored(key, payload),
+            FromBoard::Loaded { scene } => self.on_loaded(key, scene),
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
             FromBoard::Ready { frame, epoch, report } => {
                 self.statistics.on_board_report(&report);
                 self.clock.on_ready(now, key, frame, epoch);
+                self.stream.on_ready(key, frame);
+                self.feed(key);
             }
             FromBoard::Leave => {
                 board.is_leaving = true;
@@ -368,9 +411,11 @@ impl Engine {
     }
 
     fn put_out(&mut self, key: BoardKey, why: &str) {
-        if let Some(board) = self.boards.get(&key) {
+        if let Some(board) = self.boards.get_mut(&key).filter(|board| !board.is_out) {
+            board.is_out = true;
             board.outbox.cut();
             let name = board.name.clone();
+            self.statistics.dropped.boards += 1;
             self.log("put out", format!("board {name} ({key:?}): {why}"));
         }
     }
@@ -455,13 +500,19 @@ impl Engine {
         }
     }
 
+    /// Whether somebody has looked at the console lately.
+    fn is_picture_wanted(&self, now: Time) -> bool {
+        self.picture_wanted.is_some_and(|at| now.since(at) < PREVIEW_INTEREST)
+    }
+
     fn swap(&mut self, mut swap: Swap, opened: Time, late: bool) {
         let now = self.now();
-        let is_wanted = self.picture_wanted.is_some_and(|at| now.since(at) < PREVIEW_INTEREST);
-        swap.preview = is_wanted && self.picture_made.is_none_or(|at| now.since(at) >= PREVIEW_PERIOD);
+        swap.preview =
+            self.is_picture_wanted(now) && self.picture_made.is_none_or(|at| now.since(at) >= PREVIEW_PERIOD);
         if swap.preview {
             self.picture_made = Some(now);
         }
+        self.calm.on_swap(!late && swap.complete.iter().all(|complete| *complete));
         self.statistics.frames += 1;
         self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
         self.statistics.late_frames += u64::from(late);
@@ -485,82 +536,22 @@ impl Engine {
         }
     }
 
-    fn open_if_due(&mut self) {
-        if self.is_done() && self.clock.is_idle() {
-            self.is_over = true;
-            return;
-        }
-        if !self.may_open() || !self.clock.wants_open(self.now()) {
-            return;
-        }
-        let Some(wiring) = self.chain.on_frame(self.clock.next_frame()).cloned() else { return };
-        // The boards must hear of the wiring before the first frame under it.
-        self.drain();
-        let now = self.now();
-        self.first_open.get_or_insert(now);
-        if let Some(source) = self.fresh.take() {
-            self.shown = Some(source);
-        }
-        let before_select = Instant::now();
-        for counts in self.director.select() {
-            self.statistics.skipped.culled += counts.subobjects_culled;
-        }
-        self.statistics.select.add(before_select.elapsed());
-        let frame = self.clock.on_open(now, &wiring);
-        // A member that is gone already says nothing any more.
-        for key in &wiring.members {
-            if !self.boards.contains_key(key) {
-                self.clock.on_lost(now, *key);
-            }
-        }
-        self.update_compositor_views();
-        let before_stream = Instant::now();
-        self.stream(frame, &wiring);
-        self.statistics.stream.add(before_stream.elapsed());
-    }
-
-    /// Sends every board its frame.
-    fn stream(&mut self, frame: FrameNumber, wiring: &Wiring) {
-        self.format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
-        let format = self.format;
-        let Self { boards, director, statistics, .. } = self;
-        let state = FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
-        for (i, key) in wiring.members.iter().enumerate() {
-            let Some(board) = boards.get_mut(key) else { continue };
-            let mut payload = FramePayload {
-                moved: std::mem::take(&mut director.moved),
-                weights: director.weights.clone(),
-                scripts: Vec::new(),
-            };
-            let own = shares(BoardId(i as u32), &wiring.weights, director.views());
-            let mut lists = Vec::with_capacity(own.len());
-            for share in &own {
-                let held = board.lists.get(&share.view).copied();
-                let (base, script_bytes) = director.lists.script(share.view.0 as usize, held, &mut payload.scripts);
-                lists.push(ListUpdate { view: share.view, base, script_bytes });
-            }
-            let views = (board.views != director.views_revision).then(|| director.views().to_vec());
-            let (moved, weights) = (payload.moved.len() as u32, payload.weights.len() as u32);
-            let header = FrameHeader { state, views, format, lists, moved, weights };
-            let message = encode(&ToBoard::Frame(header), &payload.encode());
-            director.moved = payload.moved;
-            let len = message.len() as u64;
-            if board.outbox.try_frame(message) {
-                statistics.bytes_to_boards += len;
-                board.views = director.views_revision;
-                // Lists of views that it no longer draws go out of date at the board: it must not be sent changes
-                // to them later.
-                board.lists =
-                    own.iter().map(|share| (share.view, director.lists.revision(share.view.0 as usize))).collect();
-            } else {
-                statistics.dropped.board_frames += 1;
-            }
-        }
-    }
-
     fn report(&self) -> Report {
-        let seconds = self.first_open.map_or(0.0, |first| self.now().since(first).as_secs_f64());
-        let views = self.director.views().len() as u32;
-        self.statistics.report(views, self.chain.len(), self.chain.epoch().0, self.clock.divider(), seconds)
+        let memory = self.boards.iter().filter_map(|(key, board)| {
+            let [limit_bytes, held_bytes, peak_bytes] = self.stream.memory(*key)?;
+            Some(BoardMemory { board: board.name.clone(), limit_bytes, held_bytes, peak_bytes })
+        });
+        let count = |bytes: &AtomicU64| bytes.load(Ordering::Relaxed);
+        let (to_boards, from_boards) = (count(&self.traffic.to_boards), count(&self.traffic.from_boards));
+        self.statistics.report(Present {
+            views: self.director.views().len() as u32,
+            boards: self.chain.len(),
+            epochs: self.chain.epoch().0,
+            divider: self.clock.divider(),
+            seconds: self.first_open.map_or(0.0, |first| self.now().since(first).as_secs_f64()),
+            link_bytes: LinkBytes { to_boards, from_boards, ..LinkBytes::default() },
+            scene_bytes: self.stream.catalogue().total(),
+            memory: memory.collect(),
+        })
     }
 }

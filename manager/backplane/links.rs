@@ -4,7 +4,10 @@
 //! |---|---|
 //! | listener | connections |
 //! | one reader per link | messages; hands each to the engine |
-//! | one writer per link | its queue; scene pieces it takes from [`Content`] itself, so that a joining board's megabytes don't sit in a queue |
+//! | one writer per link | its two queues: messages, and names of scene pieces, which it takes from [`Content`] itself, so that megabytes don't sit in a queue |
+//!
+//! A piece goes out in slices, and between two slices everything that waits in the other queue goes first: a frame never
+//! waits behind a large texture. A message that was queued before a piece is never behind it.
 //!
 //! The engine never waits for a link. A link whose queue is full gets no more frames ([`Outbox::try_frame`], counted); one
 //! that can't even take a message of the chain is hung, and dropped.
@@ -19,6 +22,7 @@ use proto::ids::{BoardKey, ContentId};
 use proto::limits;
 use proto::link::{self, Link, LinkError};
 use proto::message::{FromBoard, FromCompositor, Hello, Role};
+use proto::piece::{PIECE_OVERHEAD, PieceKind};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -32,6 +36,10 @@ use tokio_util::sync::CancellationToken;
 const OUTBOX: usize = 64;
 /// Of these, places that frames may not take, so that the chain's messages get through.
 const OUTBOX_RESERVE: usize = 16;
+/// Pieces that may wait for one link. Each counts for at least its overhead, and together for no more than may be in flight.
+const PIECES: usize = (limits::PIECES_IN_FLIGHT_MAX / PIECE_OVERHEAD) as usize + 1;
+/// Bytes before each message on the stream: its length.
+const LENGTH_BYTES: u64 = 4;
 /// A peer that has not said hello by then is dropped.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
 /// Peers connected at once, greeted or not.
@@ -41,15 +49,22 @@ const CONNECTIONS_MAX: usize = limits::BOARDS_MAX + 64;
 #[derive(Debug)]
 enum Outgoing {
     Message(Bytes),
-    Pieces(Vec<ContentId>),
     /// Flush, then close.
     Close,
+}
+
+/// Bytes over all links to boards since the start, lengths included.
+#[derive(Debug, Default)]
+pub(crate) struct Traffic {
+    pub to_boards: AtomicU64,
+    pub from_boards: AtomicU64,
 }
 
 /// The engine's end of a link.
 #[derive(Clone, Debug)]
 pub(crate) struct Outbox {
     queue: mpsc::Sender<Outgoing>,
+    pieces: mpsc::Sender<(ContentId, PieceKind)>,
     /// Ends both tasks of the link at once.
     cut: CancellationToken,
 }
@@ -60,14 +75,23 @@ impl Outbox {
         self.put(Outgoing::Message(message))
     }
 
-    /// Queues the scene's pieces.
-    pub(crate) fn send_pieces(&self, ids: Vec<ContentId>) -> bool {
-        self.put(Outgoing::Pieces(ids))
+    /// Queues a piece of the scene, behind all messages that are queued. False, as for [`Self::send`].
+    pub(crate) fn send_piece(&self, id: ContentId, kind: PieceKind) -> bool {
+        let is_queued = self.pieces.try_send((id, kind)).is_ok();
+        if !is_queued {
+            self.cut.cancel();
+        }
+        is_queued
+    }
+
+    /// Whether a frame would find room.
+    pub(crate) fn has_room(&self) -> bool {
+        self.queue.capacity() > OUTBOX_RESERVE
     }
 
     /// Queues a frame if there is room to spare.
     pub(crate) fn try_frame(&self, message: Bytes) -> bool {
-        self.queue.capacity() > OUTBOX_RESERVE && self.queue.try_send(Outgoing::Message(message)).is_ok()
+        self.has_room() && self.queue.try_send(Outgoing::Message(message)).is_ok()
     }
 
     /// Closes the link after what is queued.
@@ -105,7 +129,12 @@ pub(crate) async fn post(engine: &SyncSender<Event>, mut event: Event) -> bool {
 }
 
 /// Accepts links for ever.
-pub(crate) async fn listen(listener: TcpListener, engine: SyncSender<Event>, content: Arc<Content>) {
+pub(crate) async fn listen(
+    listener: TcpListener,
+    engine: SyncSender<Event>,
+    content: Arc<Content>,
+    traffic: Arc<Traffic>,
+) {
     let keys = Arc::new(AtomicU64::new(1));
     let places = Arc::new(tokio::sync::Semaphore::new(CONNECTIONS_MAX));
     loop {
@@ -113,10 +142,10 @@ pub(crate) async fn listen(listener: TcpListener, engine: SyncSender<Event>, con
         let Ok(place) = places.clone().acquire_owned().await else { return };
         match listener.accept().await {
             Ok((stream, from)) => {
-                let (engine, content, keys) = (engine.clone(), content.clone(), keys.clone());
+                let (engine, content, keys, traffic) = (engine.clone(), content.clone(), keys.clone(), traffic.clone());
                 tokio::spawn(async move {
                     let _place = place;
-                    if let Err(error) = serve(stream, from, &engine, content, &keys).await {
+                    if let Err(error) = serve(stream, from, &engine, content, &keys, &traffic).await {
                         post(&engine, Event::Refused { from, error: error.to_string() }).await;
                     }
                 });
@@ -137,13 +166,17 @@ async fn serve(
     engine: &SyncSender<Event>,
     content: Arc<Content>,
     keys: &AtomicU64,
+    traffic: &Arc<Traffic>,
 ) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let greeting = async {
         // Before a peer has said who it is, it may claim little.
         let mut opened = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
         let (hello, _) = link::expect::<Hello>(&mut opened).await?;
-        opened.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
+        // A compositor sends pictures; a board has nothing large to say.
+        if let Role::Compositor { .. } = hello.role {
+            opened.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
+        }
         // Addresses go out again in messages of bounded length.
         let (Role::Board { link: address, .. } | Role::Compositor { listen: address, .. }) = &hello.role;
         codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
@@ -158,15 +191,21 @@ async fn serve(
     let key = BoardKey(keys.fetch_add(1, Ordering::Relaxed));
     let is_board = matches!(hello.role, Role::Board { .. });
     let (queue, waiting) = mpsc::channel(OUTBOX);
+    let (pieces, wanted) = mpsc::channel(PIECES);
     let cut = CancellationToken::new();
-    let outbox = Outbox { queue, cut: cut.clone() };
+    let outbox = Outbox { queue, pieces, cut: cut.clone() };
     if !post(engine, Event::Hello { key, hello, from, outbox }).await {
         return Ok(());
     }
     let (sink, source) = link.split();
-    let writer = tokio::spawn(write(sink, waiting, content, cut.clone()));
+    let counted = is_board.then(|| traffic.clone());
+    let writer = tokio::spawn(write(sink, waiting, wanted, content, counted, cut.clone()));
     let reading = async {
-        if is_board { read_board(source, key, engine).await } else { read_compositor(source, key, engine).await }
+        if is_board {
+            read_board(source, key, engine, traffic).await
+        } else {
+            read_compositor(source, key, engine).await
+        }
     };
     let ended = tokio::select! {
         ended = reading => ended,
@@ -184,8 +223,12 @@ async fn read_board(
     mut source: SplitStream<Link<TcpStream>>,
     key: BoardKey,
     engine: &SyncSender<Event>,
+    traffic: &Traffic,
 ) -> Result<(), LinkError> {
-    while let Some((message, payload)) = link::receive::<FromBoard>(&mut source).await? {
+    while let Some(frame) = source.next().await {
+        let frame = frame?;
+        traffic.from_boards.fetch_add(frame.len() as u64 + LENGTH_BYTES, Ordering::Relaxed);
+        let (message, payload) = codec::decode::<FromBoard>(frame.freeze())?;
         if !post(engine, Event::Board { key, message, payload }).await {
             break;
         }
@@ -206,36 +249,58 @@ async fn read_compositor(
     Ok(())
 }
 
+/// What a writer does next.
+enum Next {
+    Outgoing(Option<Outgoing>),
+    Piece(Option<(ContentId, PieceKind)>),
+}
+
 async fn write(
     mut sink: SplitSink<Link<TcpStream>, Bytes>,
     mut waiting: mpsc::Receiver<Outgoing>,
+    mut wanted: mpsc::Receiver<(ContentId, PieceKind)>,
     content: Arc<Content>,
+    traffic: Option<Arc<Traffic>>,
     cut: CancellationToken,
 ) {
-    let writing = async {
-        while let Some(mut outgoing) = waiting.recv().await {
-            // Everything that waits goes out in one flush.
-            loop {
-                match outgoing {
-                    Outgoing::Message(message) => sink.feed(message).await?,
-                    Outgoing::Pieces(ids) => {
-                        for piece in ids.iter().filter_map(|id| content.piece(id)) {
-                            sink.feed(piece).await?;
-                        }
-                        sink.feed(content.table.clone()).await?;
-                    }
-                    Outgoing::Close => {
-                        return sink.close().await;
-                    }
-                }
-                match waiting.try_recv() {
-                    Ok(next) => outgoing = next,
-                    Err(_) => break,
-                }
-            }
-            sink.flush().await?;
+    let count = |message: &Bytes| {
+        if let Some(traffic) = &traffic {
+            traffic.to_boards.fetch_add(message.len() as u64 + LENGTH_BYTES, Ordering::Relaxed);
         }
-        sink.close().await
+    };
+    let writing = async {
+        let mut slices = None;
+        loop {
+            // Everything that waits goes out in one flush.
+            while let Ok(outgoing) = waiting.try_recv() {
+                let Outgoing::Message(message) = outgoing else { return sink.close().await };
+                count(&message);
+                sink.feed(message).await?;
+            }
+            if let Some(slice) = slices.as_mut().and_then(Iterator::next) {
+                count(&slice);
+                sink.feed(slice).await?;
+                sink.flush().await?;
+                continue;
+            }
+            slices = None;
+            sink.flush().await?;
+            // Messages first, when both are there. A piece that is taken waits for another look at the messages.
+            let next = tokio::select! {
+                biased;
+                outgoing = waiting.recv() => Next::Outgoing(outgoing),
+                piece = wanted.recv() => Next::Piece(piece),
+            };
+            match next {
+                Next::Outgoing(Some(Outgoing::Message(message))) => {
+                    count(&message);
+                    sink.feed(message).await?;
+                }
+                Next::Piece(Some((id, kind))) => slices = Some(content.piece(id, kind)),
+                // The engine has dropped its end, or said so.
+                Next::Outgoing(None | Some(Outgoing::Close)) | Next::Piece(None) => return sink.close().await,
+            }
+        }
     };
     tokio::select! {
         ended = writing => {
@@ -246,12 +311,4 @@ async fn write(
         }
         () = cut.cancelled() => {}
     }
-}
-
-/// Splits a payload of content ids; `None` when its length is no multiple of theirs.
-pub(crate) fn content_ids(payload: &[u8]) -> Option<Vec<ContentId>> {
-    let mut reader = codec::Reader::new(payload, "content ids");
-    let ids = reader.values::<[u8; 16]>(payload.len() / 16).ok()?;
-    reader.finish().ok()?;
-    Some(ids.into_iter().map(ContentId).collect())
 }

@@ -47,6 +47,11 @@ impl Lists {
         self.views.get(view).map_or(0, |entry| entry.revision)
     }
 
+    /// A view's list as it is now.
+    pub(crate) fn list(&self, view: usize) -> &[SubobjectId] {
+        self.views.get(view).map_or(&[], |entry| &entry.current)
+    }
+
     /// What a board that holds revision `held` is sent; appends the script to `out`.
     pub(crate) fn script(&mut self, view: usize, held: Option<u64>, out: &mut Vec<u8>) -> (ListBase, u32) {
         let Self { views, encoder } = self;

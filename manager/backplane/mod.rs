@@ -10,10 +10,16 @@
 //! | `engine` | the loop: facts in, frames and swaps out |
 //! | `director` | what a frame shows: poses, views, selection |
 //! | `lists` | list scripts from revision to revision |
+//! | `changes` | likewise for moved objects and weights |
+//! | `residency` | what each board holds, is sent and gives up |
+//! | `stream` | feeds residency with what is seen and foreseen |
+//! | `calm` | whether a frame would show anything new |
 //! | `content` | the scene as payloads |
 //! | `statistics` | counts and times |
 //! | `console` | the page, its picture and the JSON statistics |
 
+mod calm;
+mod changes;
 #[cfg(feature = "console")]
 mod console;
 mod content;
@@ -21,14 +27,19 @@ mod director;
 mod engine;
 mod links;
 mod lists;
+mod residency;
 mod statistics;
+mod stream;
 
 pub use director::{DefaultRow, Stage};
-pub use statistics::{Dropped, EventEntry, Report, Skipped, StageTimes, TimeSummary};
+pub use statistics::{
+    BoardMemory, Dropped, EventEntry, LinkBytes, Report, Skipped, StageTimes, Streaming, TimeSummary,
+};
 
 use crate::host::native::SequenceFilter;
 use content::Content;
 use engine::{Engine, Event};
+use links::Traffic;
 use proto::chain::ClockMode;
 use proto::pose::PosePacket;
 use proto::time::Time;
@@ -57,6 +68,8 @@ pub struct Config {
     pub wait_for_boards: usize,
     /// Hold the first frame until a compositor is there.
     pub wait_for_compositor: bool,
+    /// Bytes that each board may use for meshes and textures, however many it has.
+    pub board_memory: u64,
     /// Where boards and compositors connect (TCP).
     pub listen: SocketAddr,
     /// Where native pose packets arrive (UDP).
@@ -129,10 +142,11 @@ pub async fn run(
         console: console.as_ref().and_then(|listener| listener.local_addr().ok()),
     };
 
-    let content = Arc::new(Content::of(&config.stage.scene));
+    let content = Arc::new(Content::of(config.stage.scene.clone()));
+    let traffic = Arc::new(Traffic::default());
     let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
     let started = Instant::now();
-    let engine = Engine::new(config, content.clone(), poses.clone(), started);
+    let engine = Engine::new(config, content.clone(), poses.clone(), traffic.clone(), started);
     let (ended, end) = tokio::sync::oneshot::channel();
     std::thread::Builder::new()
         .name("engine".into())
@@ -141,7 +155,7 @@ pub async fn run(
         .map_err(ManagerError::Thread)?;
 
     let mut tasks = tokio::task::JoinSet::new();
-    tasks.spawn(links::listen(backplane, facts.clone(), content));
+    tasks.spawn(links::listen(backplane, facts.clone(), content, traffic));
     tasks.spawn(receive_poses(poses, facts.clone(), started));
     #[cfg(feature = "console")]
     if let Some(listener) = console {

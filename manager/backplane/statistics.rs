@@ -101,8 +101,66 @@ pub struct Skipped {
     pub tiles_unchanged: u64,
     /// Frames not drawn again, counted per board.
     pub frames_unchanged: u64,
+    /// Frames that were not even opened, for nothing had changed.
+    pub frames_idle: u64,
     /// Meshes and textures that a joining board had kept.
     pub meshes_cached: u64,
+}
+
+/// What was sent ahead of need, and what frames showed instead of what hadn't come; sums over all frames.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Streaming {
+    /// Meshes and textures sent.
+    pub pieces: u64,
+    /// What they count for in boards' memory.
+    pub piece_bytes: u64,
+    /// Meshes and textures that boards were told to give up.
+    pub evicted: u64,
+    /// Models that showed other versions than they should have, one for each frame.
+    pub substitutions: u64,
+    /// Subobjects that were left out, one for each frame and view.
+    pub omitted: u64,
+    /// Frames with either.
+    pub frames_substituted: u64,
+    /// Frames that waited for pieces: in lock-step only.
+    pub frames_waited: u64,
+}
+
+/// The memory for meshes and textures of one board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BoardMemory {
+    /// The board's name.
+    pub board: String,
+    /// What it has room for.
+    pub limit_bytes: u64,
+    /// What it holds, and what is on its way.
+    pub held_bytes: u64,
+    /// The most that it ever held in this session.
+    pub peak_bytes: u64,
+}
+
+/// All bytes over the links between manager and boards, whatever they were for.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct LinkBytes {
+    /// From the manager.
+    pub to_boards: u64,
+    /// To the manager.
+    pub from_boards: u64,
+    /// From boards to the compositor.
+    pub tiles: u64,
+}
+
+/// What a report says of the present.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Present {
+    pub views: u32,
+    pub boards: usize,
+    pub epochs: u64,
+    pub divider: u32,
+    pub seconds: f64,
+    pub link_bytes: LinkBytes,
+    pub scene_bytes: u64,
+    pub memory: Vec<BoardMemory>,
 }
 
 /// Things from outside that were dropped.
@@ -118,6 +176,8 @@ pub struct Dropped {
     pub connections: u64,
     /// Frames for a board whose queue was full.
     pub board_frames: u64,
+    /// Boards that broke the protocol, or did not take their place.
+    pub boards: u64,
 }
 
 /// A rig's statistics, ready to print.
@@ -157,6 +217,14 @@ pub struct Report {
     pub skipped: Skipped,
     /// What was not taken.
     pub dropped: Dropped,
+    /// What was sent of the scene, and what stood in for what hadn't come.
+    pub streaming: Streaming,
+    /// What all meshes and textures of the scene count for in a board's memory.
+    pub scene_bytes: u64,
+    /// What boards hold of it.
+    pub memory: Vec<BoardMemory>,
+    /// Traffic since the manager's start.
+    pub link_bytes: LinkBytes,
     /// The newest events.
     pub events: Vec<EventEntry>,
 }
@@ -183,6 +251,7 @@ pub(crate) struct Statistics {
     pub fragments: u64,
     pub skipped: Skipped,
     pub dropped: Dropped,
+    pub streaming: Streaming,
     events: VecDeque<EventEntry>,
 }
 
@@ -216,7 +285,8 @@ impl Statistics {
         self.events.push_back(EventEntry { time_s: (time.as_secs_f64() * 1e3).round() / 1e3, frame, event, detail });
     }
 
-    pub(crate) fn report(&self, views: u32, boards: usize, epochs: u64, divider: u32, seconds: f64) -> Report {
+    pub(crate) fn report(&self, present: Present) -> Report {
+        let Present { views, boards, epochs, divider, seconds, link_bytes, scene_bytes, memory } = present;
         let per_frame = |sum: u64| (sum as f64 / self.frames.max(1) as f64 * 10.0).round() / 10.0;
         Report {
             frames: self.frames,
@@ -245,6 +315,10 @@ impl Statistics {
             fragments: self.fragments,
             skipped: self.skipped,
             dropped: self.dropped,
+            streaming: self.streaming,
+            scene_bytes,
+            memory,
+            link_bytes: LinkBytes { tiles: self.bytes_from_boards, ..link_bytes },
             events: self.events.iter().cloned().collect(),
         }
     }

@@ -142,6 +142,28 @@ impl FrameClock {
         let frame = self.next_frame;
         self.next_frame.0 += 1;
         self.is_redraw = false;
+        self.step_tick(now);
+        let waiting = wiring.members.iter().copied().collect();
+        self.open = Some(Open { frame, wiring: wiring.clone(), waiting, lost: BTreeSet::new(), opened: now });
+        frame
+    }
+
+    /// Real time: the tick passes without a frame, because what is shown is what the frame would show. Returns the number that it
+    /// would have had; it is used up.
+    ///
+    /// # Panics
+    /// If a frame is open, or in lock-step, where every frame is wanted.
+    pub fn on_idle(&mut self, now: Time) -> FrameNumber {
+        assert!(self.open.is_none() && self.mode != ClockMode::LockStep, "frame {} is not idle", self.next_frame);
+        let frame = self.next_frame;
+        self.next_frame.0 += 1;
+        // Boards that have nothing to do could follow any rate.
+        self.rate.on_timely(Duration::ZERO);
+        self.step_tick(now);
+        frame
+    }
+
+    fn step_tick(&mut self, now: Time) {
         if let ClockMode::RealTime { .. } = self.mode {
             // Ticks keep their grid; one that was slept through is skipped, not made up for.
             let period = self.rate.period();
@@ -150,9 +172,6 @@ impl FrameClock {
                 self.next_tick = now + period;
             }
         }
-        let waiting = wiring.members.iter().copied().collect();
-        self.open = Some(Open { frame, wiring: wiring.clone(), waiting, lost: BTreeSet::new(), opened: now });
-        frame
     }
 
     /// A board has drawn its shares.

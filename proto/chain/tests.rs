@@ -293,6 +293,22 @@ fn a_frame_swaps_when_all_are_ready_and_repeats_views_when_they_are_not() {
 }
 
 #[test]
+fn a_tick_that_passes_without_a_frame_uses_up_its_number() {
+    let period = Duration::from_millis(16);
+    let wiring = Wiring { epoch: Epoch(1), members: vec![BoardKey(1)], weights: vec![1] };
+    let mut clock = FrameClock::new(ClockMode::RealTime { period }, FrameNumber(0), 1);
+    assert_eq!(clock.on_idle(Time(0)), FrameNumber(0));
+    assert!(!clock.wants_open(Time(0)) && clock.is_idle());
+    let tick = clock.next_timeout().unwrap();
+    assert_eq!(tick, Time(0) + period, "ticks keep their grid");
+    assert!(clock.wants_open(tick));
+    let frame = clock.on_open(tick, &wiring);
+    assert_eq!(frame, FrameNumber(1));
+    clock.on_ready(tick, BoardKey(1), frame, Epoch(1));
+    assert!(matches!(clock.poll_output(), Some(ClockOutput::Swap { swap, .. }) if swap.frame == frame));
+}
+
+#[test]
 fn lock_step_draws_a_frame_again_when_its_board_died() {
     let both = Wiring { epoch: Epoch(1), members: vec![BoardKey(1), BoardKey(2)], weights: vec![1, 1] };
     let one = Wiring { epoch: Epoch(2), members: vec![BoardKey(1)], weights: vec![1] };

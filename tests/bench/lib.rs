@@ -7,6 +7,7 @@ pub mod chart;
 mod date;
 pub mod memory;
 pub mod pixels;
+pub mod wire;
 
 use serde::Serialize;
 use std::process::Command;

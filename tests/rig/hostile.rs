@@ -1,6 +1,9 @@
 //! Rubbish on every port of a flying rig: it is counted and dropped, and the rig goes on.
 
 use crate::program::Rig;
+use proto::codec::{self, encode_ids};
+use proto::ids::ContentId;
+use proto::message::{FromBoard, Hello, Role};
 use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
 
@@ -63,10 +66,10 @@ fn a_peer_of_another_version_is_refused_by_both_versions_names() {
     let mut answer = [0; proto::codec::PREAMBLE_LEN];
     stream.read_exact(&mut answer).unwrap();
     let error = proto::codec::agree(theirs, &answer).unwrap_err().to_string();
-    assert!(error.contains("versions 7 to 9") && error.contains("version 1"), "the peer can tell: {error}");
+    assert!(error.contains("versions 7 to 9") && error.contains("version 2"), "the peer can tell: {error}");
     let stats = rig.wait("the refusal", |stats| stats["dropped"]["connections"] == 1);
     let events = stats["events"].to_string();
-    assert!(events.contains("we speak version 1, the other side speaks versions 7 to 9"), "{events}");
+    assert!(events.contains("we speak version 2, the other side speaks versions 7 to 9"), "{events}");
     goes_on(&rig);
 }
 
@@ -92,5 +95,47 @@ fn a_second_compositor_is_refused_and_told_why() {
     assert_eq!(output.status.code(), Some(1));
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(error.contains("refused this compositor: this rig has a compositor already"), "{error}");
+    goes_on(&rig);
+}
+
+/// A board that says hello and then these; returns when its link is closed.
+fn board(backplane: std::net::SocketAddr, memory: u64, says: &[(FromBoard, Vec<u8>)]) {
+    let mut stream = TcpStream::connect(backplane).unwrap();
+    stream.write_all(&codec::preamble(codec::VERSIONS)).unwrap();
+    let role = Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory };
+    let mut bytes = Vec::new();
+    let mut say = |message: bytes::Bytes| {
+        bytes.extend_from_slice(&(message.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(&message);
+    };
+    say(codec::encode(&Hello { name: "impostor".into(), role }, &[]));
+    says.iter().for_each(|(message, payload)| say(codec::encode(message, payload)));
+    stream.write_all(&bytes).unwrap();
+    // It may be cut in the middle of what it is sent.
+    let _ = stream.read_to_end(&mut Vec::new());
+}
+
+#[test]
+fn a_board_that_claims_what_cannot_be_is_put_out_and_counted() {
+    let (rig, backplane, _) = flying();
+    let id = |k: u8| ContentId([k; 16]);
+    let holding = |ids: &[ContentId]| (FromBoard::Holding { scene: None, more: false }, encode_ids(ids));
+    let gib = 1 << 30;
+    let cases: [(u64, Vec<(FromBoard, Vec<u8>)>, &str); 5] = [
+        (
+            gib,
+            vec![holding(&[]), (FromBoard::Stored, encode_ids(&[id(1)]))],
+            "names a piece that the scene doesn't have",
+        ),
+        (gib, vec![holding(&[]), holding(&[])], "says twice what it holds"),
+        (2048, vec![holding(&[id(1), id(2), id(3)])], "more than its own memory limit"),
+        (gib, vec![(FromBoard::Stored, vec![7; 15])], "bytes too many"),
+        (gib, vec![(FromBoard::Loaded { scene: id(3) }, Vec::new())], "loaded another scene"),
+    ];
+    for (k, (memory, says, why)) in cases.iter().enumerate() {
+        board(backplane, *memory, says);
+        let stats = rig.wait("its being put out", |stats| stats["dropped"]["boards"] == k + 1);
+        assert!(stats["events"].to_string().contains(why), "{why}: {}", stats["events"]);
+    }
     goes_on(&rig);
 }

@@ -9,9 +9,12 @@
 )]
 
 mod bad_input;
+mod grid;
 mod hostile;
 mod lifecycle;
 mod lights;
 mod pictures;
 mod program;
+mod still;
+mod streaming;
 mod transition;

@@ -60,6 +60,23 @@ pub(crate) fn wait_for<T>(what: &str, mut probe: impl FnMut() -> Option<T>) -> T
     }
 }
 
+/// Asks a console: head and body of its answer.
+pub(crate) fn get(console: SocketAddr, path: &str) -> Option<(String, Vec<u8>)> {
+    let mut stream = TcpStream::connect(console).ok()?;
+    stream.set_read_timeout(Some(HANG)).ok()?;
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").ok()?;
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).ok()?;
+    let split = answer.windows(4).position(|w| w == b"\r\n\r\n")?;
+    let body = answer.split_off(split + 4);
+    Some((String::from_utf8_lossy(&answer).into_owned(), body))
+}
+
+/// A console's statistics.
+pub(crate) fn stats(console: SocketAddr) -> Option<Value> {
+    serde_json::from_slice(&get(console, "/api/v1/stats")?.1).ok()
+}
+
 /// A rig in real time, in a process group of its own, with its console.
 pub(crate) struct Rig {
     pub child: Child,
@@ -87,18 +104,11 @@ impl Rig {
 
     /// Asks the console.
     pub(crate) fn get(&self, path: &str) -> Option<(String, Vec<u8>)> {
-        let mut stream = TcpStream::connect(self.console).ok()?;
-        stream.set_read_timeout(Some(HANG)).ok()?;
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").ok()?;
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).ok()?;
-        let split = answer.windows(4).position(|w| w == b"\r\n\r\n")?;
-        let body = answer.split_off(split + 4);
-        Some((String::from_utf8_lossy(&answer).into_owned(), body))
+        get(self.console, path)
     }
 
     pub(crate) fn stats(&self) -> Option<Value> {
-        serde_json::from_slice(&self.get("/api/v1/stats")?.1).ok()
+        stats(self.console)
     }
 
     /// Waits until the statistics satisfy `is_so`.
