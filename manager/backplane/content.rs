@@ -1,6 +1,6 @@
 //! The scene as payloads: what a board that holds nothing is sent, each piece under its name, encoded once for all boards.
 
-use crate::scene::Scene;
+use crate::scene::{ContentError, Scene};
 use bytes::Bytes;
 use proto::codec;
 use proto::ids::ContentId;
@@ -21,22 +21,25 @@ pub(crate) struct Content {
 }
 
 impl Content {
-    pub(crate) fn of(scene: &Scene) -> Self {
+    /// # Errors
+    /// When the scene is in a baked file that doesn't give all of it.
+    pub(crate) fn of(scene: &Scene) -> Result<Self, ContentError> {
         let payload = codec::encode_table(&scene.table);
         let id = ContentId::of(&payload);
         let mut pieces = BTreeMap::new();
         let mut order = Vec::new();
-        for (id, texture) in &scene.textures {
-            let message = codec::encode(&ToBoard::Texture { id: *id }, &codec::encode_texture(texture));
+        for id in scene.textures.keys() {
+            let message = codec::encode(&ToBoard::Texture { id: *id }, &scene.textures.payload(id)?);
             pieces.insert(*id, message);
             order.push(*id);
         }
-        for (id, mesh) in &scene.meshes {
-            let message = codec::encode(&ToBoard::Mesh { id: *id }, &codec::encode_mesh(mesh));
+        for id in scene.meshes.keys() {
+            let message = codec::encode(&ToBoard::Mesh { id: *id }, &scene.meshes.payload(id)?);
             pieces.insert(*id, message);
             order.push(*id);
         }
-        Self { scene: id, table: codec::encode(&ToBoard::Table { scene: id }, &payload), pieces, order }
+        let table = codec::encode(&ToBoard::Table { scene: id }, &payload);
+        Ok(Self { scene: id, table, pieces, order })
     }
 
     /// The question which pieces a board lacks: every id.

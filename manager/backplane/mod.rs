@@ -95,6 +95,9 @@ pub enum ManagerError {
         /// The reason.
         error: std::io::Error,
     },
+    /// A mesh or texture can't be had.
+    #[error(transparent)]
+    Content(#[from] crate::scene::ContentError),
     /// A thread couldn't be started.
     #[error("cannot start the engine: {0}")]
     Thread(std::io::Error),
@@ -129,7 +132,7 @@ pub async fn run(
         console: console.as_ref().and_then(|listener| listener.local_addr().ok()),
     };
 
-    let content = Arc::new(Content::of(&config.stage.scene));
+    let content = Arc::new(Content::of(&config.stage.scene)?);
     let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
     let started = Instant::now();
     let engine = Engine::new(config, content.clone(), poses.clone(), started);
