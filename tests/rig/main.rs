@@ -9,6 +9,7 @@
 )]
 
 mod bad_input;
+mod bake;
 mod hostile;
 mod lifecycle;
 mod lights;
