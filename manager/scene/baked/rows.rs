@@ -339,8 +339,7 @@ impl LightRow {
     pub(super) fn light(&self) -> Result<LightSource, String> {
         finite(&self.intensity, "light's intensity")?;
         finite(&self.cones, "light's cone")?;
-        // NaN is not above 0.
-        if !(self.range > 0.0) {
+        if self.range.is_nan() || self.range <= 0.0 {
             return Err(format!("a light's range of {} m", self.range));
         }
         let range = Some(self.range).filter(|range| range.is_finite());
