@@ -38,6 +38,8 @@ pub(crate) enum Command {
     Host(HostCommand),
     /// Draw one picture, without a network
     Render(Box<RenderArgs>),
+    /// Import a scene once and write it to a file that opens in milliseconds
+    Bake(BakeArgs),
     /// Say what is in a scene
     Inspect(InspectArgs),
     /// Write a built-in scene and its camera path
@@ -141,7 +143,7 @@ pub(crate) struct AirArgs {
     after_help = "Example:\n  cyclorama rig --frames 120 --views 3 --boards 3 --size 640x360 --out frames --json\n\nThe console (a page with the picture and the statistics) is at the address that the rig prints."
 )]
 pub(crate) struct RigArgs {
-    /// A glTF file (.glb, .gltf) or the name of a built-in scene
+    /// A glTF file (.glb, .gltf), a baked file, or the name of a built-in scene
     #[arg(default_value = "airport")]
     pub scene: String,
     #[command(flatten)]
@@ -198,7 +200,7 @@ pub(crate) struct ManagerArgs {
     /// Rig file (TOML); flags override what it says
     #[arg(long, env = "CYCLORAMA_RIG", value_name = "FILE")]
     pub rig: Option<PathBuf>,
-    /// A glTF file or the name of a built-in scene
+    /// A glTF file, a baked file, or the name of a built-in scene
     #[arg(long, env = "CYCLORAMA_SCENE")]
     pub scene: Option<String>,
     /// Camera file whose first pose is shown until a host speaks
@@ -348,7 +350,7 @@ pub(crate) struct HostPlayArgs {
     after_help = "Examples:\n  cyclorama render airport --pose 600 -o airport.png\n  cyclorama render model.glb --camera path.json --samples 64 --size 1920x1080 -o picture.png --stats"
 )]
 pub(crate) struct RenderArgs {
-    /// A glTF file (.glb, .gltf) or the name of a built-in scene
+    /// A glTF file (.glb, .gltf), a baked file, or the name of a built-in scene
     pub scene: String,
     /// Camera file; the built-in scene's, `SCENE.path.json`, or a look at the whole scene by default
     #[arg(long, value_name = "FILE")]
@@ -388,10 +390,25 @@ pub(crate) struct RenderArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  cyclorama inspect model.glb")]
-pub(crate) struct InspectArgs {
+#[command(
+    after_help = "Example:\n  cyclorama bake city.glb -o city.baked && cyclorama rig city.baked\n\nThe file is written beside its place, as FILE.part, and takes its name when it is complete: whatever interrupts a bake, FILE is the whole old one or the whole new one. A rig that has the old one open keeps it."
+)]
+pub(crate) struct BakeArgs {
     /// A glTF file (.glb, .gltf) or the name of a built-in scene
     pub scene: String,
+    /// The file to write; the scene's camera path, if it has one, goes beside it unless there is one
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama inspect model.glb")]
+pub(crate) struct InspectArgs {
+    /// A glTF file (.glb, .gltf), a baked file, or the name of a built-in scene
+    pub scene: String,
+    /// Of a baked file, read every mesh and texture too, and compare it with its checksum
+    #[arg(long)]
+    pub check: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -405,6 +422,8 @@ pub(crate) enum BenchCommand {
     Flight(FlightArgs),
     /// What travels on a rig's links: list changes with a moving eye, and a still scene's bytes and processor time
     Wire(WireArgs),
+    /// Time to import a scene, beside that to open what was baked from it
+    Open(OpenArgs),
     /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
     Peer(PeerArgs),
 }
@@ -414,7 +433,7 @@ pub(crate) enum BenchCommand {
     after_help = "Examples:\n  cyclorama bench pixels city runway --samples 1,64\n  cyclorama bench pixels --peer --reference --reference-size 480x270 --plot charts\n  cyclorama bench pixels overdraw --samples 1 --ablate\n  cyclorama bench pixels model.glb --reference --size 640x360 --poses 1 --diff differences"
 )]
 pub(crate) struct PixelsArgs {
-    /// glTF files or names of built-in scenes; the five benchmark scenes by default
+    /// glTF files, baked files or names of built-in scenes; the five benchmark scenes by default
     pub scenes: Vec<String>,
     /// Camera file for all scenes; each scene's own by default
     #[arg(long, value_name = "FILE")]
@@ -471,7 +490,7 @@ pub(crate) struct PixelsArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  cyclorama bench flight airport --seconds 600 --size 640x360 --samples 4")]
 pub(crate) struct FlightArgs {
-    /// A glTF file or the name of a built-in scene
+    /// A glTF file, a baked file, or the name of a built-in scene
     #[arg(default_value = "airport")]
     pub scene: String,
     /// Camera file to fly, again and again; the built-in scene's, `SCENE.path.json`, or a flight round the scene by default
@@ -523,9 +542,23 @@ pub(crate) struct WireArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench open dense")]
+pub(crate) struct OpenArgs {
+    /// glTF files or names of built-in scenes
+    #[arg(default_value = "dense")]
+    pub scenes: Vec<String>,
+    /// How often each is opened; imported a fifth as often
+    #[arg(long, default_value = "25", value_name = "N")]
+    pub times: NonZeroUsize,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
 #[command(after_help = "Example:\n  cyclorama bench peer city --poses 60")]
 pub(crate) struct PeerArgs {
-    /// A glTF file or the name of a built-in scene
+    /// A glTF file, a baked file, or the name of a built-in scene
     pub scene: String,
     /// Size of the picture, pixels
     #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = size)]

@@ -7,6 +7,10 @@ use thiserror::Error;
 pub(crate) enum CommandError {
     #[error(transparent)]
     Camera(#[from] manager::host::camera::CameraError),
+    #[error(transparent)]
+    Baked(#[from] manager::scene::baked::BakedError),
+    #[error(transparent)]
+    Content(#[from] manager::scene::ContentError),
     #[cfg(feature = "import")]
     #[error(transparent)]
     Import(#[from] manager::scene::import::ImportError),

@@ -15,6 +15,7 @@ use proto::ids::{Epoch, FrameNumber};
 use proto::share::Part;
 use proto::view::{Pose, Samples, View};
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// See the module's head.
@@ -38,11 +39,11 @@ impl<'a> InProcess<'a> {
     /// Takes the scene's content in.
     pub(crate) fn new(scene: &'a Scene, threads: NonZeroUsize, detail: DetailMode) -> Result<Self, CommandError> {
         let mut store = SceneStore::new();
-        for (id, texture) in &scene.textures {
-            store.insert_texture(*id, texture.as_ref().clone()).map_err(said)?;
+        for id in scene.textures.keys() {
+            store.insert_texture(*id, Arc::unwrap_or_clone(scene.textures.get(id)?)).map_err(said)?;
         }
-        for (id, mesh) in &scene.meshes {
-            store.insert_mesh(*id, mesh.as_ref().clone()).map_err(said)?;
+        for id in scene.meshes.keys() {
+            store.insert_mesh(*id, Arc::unwrap_or_clone(scene.meshes.get(id)?)).map_err(said)?;
         }
         store.set_table(scene.table.clone()).map_err(said)?;
         let renderer = Renderer::new(threads).map_err(said)?;

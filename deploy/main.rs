@@ -2,6 +2,7 @@
 //! (1: failed, 2: usage).
 #![forbid(unsafe_code)]
 
+mod bake;
 mod bench;
 mod check;
 mod cli;
@@ -29,12 +30,14 @@ fn main() -> ExitCode {
         Command::Compositor(args) => serve::compositor(&args),
         Command::Host(HostCommand::Play(args)) => serve::host_play(&args),
         Command::Render(args) => render::run(&args),
+        Command::Bake(args) => bake::run(&args),
         Command::Inspect(args) => source::inspect(&args),
         Command::Scene(args) => source::write_scene(&args),
         Command::Check(args) => check::run(&args),
         Command::Bench(BenchCommand::Pixels(args)) => bench::pixels(&args),
         Command::Bench(BenchCommand::Flight(args)) => bench::flight(&args),
         Command::Bench(BenchCommand::Wire(args)) => bench::wire(&args),
+        Command::Bench(BenchCommand::Open(args)) => bench::open(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
     };
     match result {

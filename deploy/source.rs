@@ -4,7 +4,7 @@ use crate::cli::{InspectArgs, SceneArgs};
 use crate::error::CommandError;
 use crate::output::{note, say};
 use manager::host::camera::CameraFile;
-use manager::scene::{Scene, builtin};
+use manager::scene::{Parts, Scene, baked, builtin};
 use std::path::{Path, PathBuf};
 
 /// A scene, and the camera that goes with it.
@@ -13,7 +13,7 @@ pub(crate) struct Source {
     pub camera: CameraFile,
 }
 
-/// Loads the scene that `name` is: a built-in scene or a file; and the camera file, or what stands in for it.
+/// Loads the scene that `name` is: a built-in scene, a glTF or a baked file; and the camera file, or what stands in for it.
 pub(crate) fn load(name: &str, camera: Option<&Path>) -> Result<Source, CommandError> {
     let (scene, own_camera) = load_scene(name)?;
     for warning in &scene.warnings {
@@ -31,15 +31,37 @@ pub(crate) fn load(name: &str, camera: Option<&Path>) -> Result<Source, CommandE
 }
 
 /// The camera path that belongs to a scene file: `city.glb` → `city.path.json`.
-fn beside(scene: &Path) -> PathBuf {
+pub(crate) fn beside(scene: &Path) -> PathBuf {
     scene.with_extension("path.json")
 }
 
-#[cfg(feature = "import")]
 fn load_scene(name: &str) -> Result<(Scene, Option<CameraFile>), CommandError> {
+    let path = Path::new(name);
+    // A built-in scene's name means that scene, whatever lies around.
+    if !builtin::names().contains(&name) && baked::is_baked(path) {
+        return Ok((baked::open(path)?, None));
+    }
+    import(name)
+}
+
+fn import(name: &str) -> Result<(Scene, Option<CameraFile>), CommandError> {
+    let Unassembled { parts, camera } = parts(name, &mut |_| ())?;
+    Ok((assemble(name, parts)?, camera))
+}
+
+/// What an importer hands over, and a built-in scene's camera.
+pub(crate) struct Unassembled {
+    pub parts: Parts,
+    pub camera: Option<CameraFile>,
+}
+
+/// Imports the scene that `name` is: a built-in scene or a glTF file. `watch` hears how far it is, from 0 to 1.
+#[cfg(feature = "import")]
+pub(crate) fn parts(name: &str, watch: &mut dyn FnMut(f64)) -> Result<Unassembled, CommandError> {
     use manager::scene::import;
     if let Some(built) = builtin::build(name) {
-        return Ok((import::load_glb(&built.glb, built.name)?, Some(built.camera)));
+        let parts = import::parts_glb(&built.glb, built.name, watch)?;
+        return Ok(Unassembled { parts, camera: Some(built.camera) });
     }
     let path = Path::new(name);
     if !path.exists() {
@@ -48,23 +70,47 @@ fn load_scene(name: &str) -> Result<(Scene, Option<CameraFile>), CommandError> {
             builtin::names().join(", ")
         )));
     }
-    Ok((import::load(path)?, None))
+    Ok(Unassembled { parts: import::parts(path, watch)?, camera: None })
 }
 
 #[cfg(not(feature = "import"))]
-fn load_scene(name: &str) -> Result<(Scene, Option<CameraFile>), CommandError> {
-    Err(CommandError::said(format!("{name}: this program was built without `import`; use one that has it")))
+pub(crate) fn parts(name: &str, _: &mut dyn FnMut(f64)) -> Result<Unassembled, CommandError> {
+    Err(CommandError::said(format!(
+        "{name}: this program was built without `import` and opens only what `cyclorama bake` wrote; use one that has it"
+    )))
+}
+
+/// The scene of these parts, which `name` has.
+pub(crate) fn assemble(name: &str, parts: Parts) -> Result<Scene, CommandError> {
+    Scene::assemble(parts).map_err(|error| CommandError::said(format!("{name}: {error}")))
 }
 
 /// `cyclorama inspect`.
 pub(crate) fn inspect(args: &InspectArgs) -> Result<(), CommandError> {
     let (scene, _) = load_scene(&args.scene)?;
-    let inspection = manager::scene::inspect::inspect(&scene);
+    let mut inspection = manager::scene::inspect::inspect(&scene);
+    let path = Path::new(&args.scene);
+    if scene.is_baked() {
+        inspection.baked = Some(baked::facts(path)?);
+    }
+    if args.check {
+        if !scene.is_baked() {
+            return Err(CommandError::said(format!("{}: --check is for baked files, and this is none", args.scene)));
+        }
+        baked::check_all(&scene)?;
+    }
     if args.json {
         let text = serde_json::to_string_pretty(&inspection);
         say(&text.map_err(|error| CommandError::said(error.to_string()))?);
     } else {
         say(inspection.to_string().trim_end());
+        if args.check {
+            say(&format!(
+                "{} meshes and {} textures are what their names say",
+                scene.meshes.len(),
+                scene.textures.len()
+            ));
+        }
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 //!
 //! [`scene`] is the database, [`select`] the pure functions that make lists from it, [`host`] turns packets into
 //! poses, and [`backplane`] is the tokio shell that ties them to the boards.
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 pub mod backplane;
 pub mod host;

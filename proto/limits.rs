@@ -12,6 +12,14 @@ pub const BOARDS_MAX: usize = 256;
 pub const OBJECTS_MAX: usize = 16_000_000;
 /// Most subobjects of a scene.
 pub const SUBOBJECTS_MAX: usize = 64_000_000;
+/// Most nodes of a scene that is baked: every object, and as many nodes that only place others.
+pub const NODES_MAX: usize = 2 * OBJECTS_MAX;
+/// Most meshes that a baked scene keeps, its materials, and its textures: nothing of them is more than the objects could show.
+pub const CONTENTS_MAX: usize = OBJECTS_MAX;
+/// Most bytes of names and warnings in a baked scene.
+pub const TEXT_MAX: usize = 1 << 30;
+/// Most bytes of all meshes, and of all textures, in a baked scene. They are not read at once.
+pub const BAKED_BYTES_MAX: u64 = 1 << 42;
 /// Most triangles of one subobject: small enough that a list can drop or reorder it as one piece of work.
 pub const TRIANGLES_PER_SUBOBJECT_MAX: usize = 2048;
 /// Models of a scene: what merges its layers or has levels of detail. A frame names as many at most.

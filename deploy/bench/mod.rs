@@ -1,19 +1,21 @@
 //! `cyclorama bench`: figures, as ratios in one run where that is possible, each answer checked before its time counts.
 //!
 //! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
-//! those that draw in it, turn by turn, `flight` draws one path for long, `instructions` counts
+//! those that draw in it, turn by turn, `flight` draws one path for long, `open` opens scenes, `instructions` counts
 //! what times can't tell on a busy machine, `truth` says how far their pictures are from the reference, `peer` is the process
 //! that llvmpipe draws in; `wire` flies real rigs and counts what travels.
 
 mod entrant;
 mod flight;
 mod instructions;
+mod open;
 mod peer;
 mod pixels;
 mod truth;
 mod wire;
 
 pub(crate) use flight::flight;
+pub(crate) use open::open;
 pub(crate) use peer::peer;
 pub(crate) use pixels::pixels;
 pub(crate) use wire::wire;

@@ -27,7 +27,7 @@ pub(crate) fn peer(args: &PeerArgs) -> Result<(), CommandError> {
 fn answer(args: &PeerArgs) -> Result<(), CommandError> {
     let said = |error: &dyn std::fmt::Display| CommandError::said(format!("the benchmark's pipe: {error}"));
     let scene = source::load(&args.scene, None)?.scene;
-    let result = Peer::new(&scene.table, &scene.meshes);
+    let result = Peer::new(&scene.table, &scene.meshes.all()?);
     match result {
         Ok(peer) => serve(peer, stdin().lock(), stdout().lock()).map_err(|error| said(&error)),
         Err(error) => {

@@ -31,7 +31,8 @@ pub(super) fn truth(
     let mut moved = Vec::new();
     placed(scene, pose)?.moved(&mut moved);
     let weights = scene.version_weights(&pose.versions).map_err(|error| said(error.to_string()))?;
-    let world = World::of_scene(&scene.table, &scene.meshes, &scene.textures, &moved, &weights);
+    let (meshes, textures) = (scene.meshes.all()?, scene.textures.all()?);
+    let world = World::of_scene(&scene.table, &meshes, &textures, &moved, &weights);
     let world = world.map_err(|error| said(error.to_string()))?;
     // Edges are told apart as for 64 samples, the same for all rows.
     let integral = reference::integral::integrate(&world, state, view, Vertices::Exact, 1.0 / 8.0);

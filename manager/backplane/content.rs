@@ -26,12 +26,14 @@ impl Content {
         Self { id, table: codec::encode(&ToBoard::Table { scene: id }, &payload), scene }
     }
 
-    /// A piece, ready to send slice by slice; nothing if the scene doesn't have it.
+    /// A piece, ready to send slice by slice; nothing, and a line in the log, if the scene doesn't have it or its file doesn't give it.
+    /// Boards then never have it, and something else is shown.
     pub(crate) fn piece(&self, id: ContentId, kind: PieceKind) -> impl Iterator<Item = Bytes> + Send + use<> {
         let bytes = match kind {
-            PieceKind::Mesh => self.scene.meshes.get(&id).map(|mesh| codec::encode_mesh(mesh)),
-            PieceKind::Texture => self.scene.textures.get(&id).map(|texture| codec::encode_texture(texture)),
+            PieceKind::Mesh => self.scene.meshes.payload(&id),
+            PieceKind::Texture => self.scene.textures.payload(&id),
         };
+        let bytes = bytes.inspect_err(|error| tracing::error!(%id, %error, "a piece of the scene can't be sent"));
         let slices = bytes.into_iter().flat_map(move |bytes| Slices::of(id, kind, bytes));
         slices.map(|(head, slice)| codec::encode(&ToBoard::Piece(head), &slice))
     }

@@ -12,6 +12,7 @@ use super::calm::Calm;
 use super::content::Content;
 use super::director::Director;
 use super::links::{Outbox, Traffic};
+use super::residency::Catalogue;
 use super::statistics::{BoardMemory, LinkBytes, Present, Report, Statistics};
 use super::stream::Stream;
 use crate::host::native::Freshness;
@@ -168,12 +169,13 @@ impl Engine {
     pub(crate) fn new(
         mut config: Config,
         content: Arc<Content>,
+        catalogue: Catalogue,
         poses: Arc<UdpSocket>,
         traffic: Arc<Traffic>,
         started: Instant,
     ) -> Self {
         config.wait_for_boards = config.wait_for_boards.max(1);
-        let stream = Stream::new(&config.stage.scene);
+        let stream = Stream::new(catalogue);
         let director = Director::new(config.stage.clone());
         let clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
         Self {

@@ -40,6 +40,7 @@ use crate::host::native::SequenceFilter;
 use content::Content;
 use engine::{Engine, Event};
 use links::Traffic;
+use residency::Catalogue;
 use proto::chain::ClockMode;
 use proto::pose::PosePacket;
 use proto::time::Time;
@@ -108,6 +109,9 @@ pub enum ManagerError {
         /// The reason.
         error: std::io::Error,
     },
+    /// A mesh or texture can't be had.
+    #[error(transparent)]
+    Content(#[from] crate::scene::ContentError),
     /// A thread couldn't be started.
     #[error("cannot start the engine: {0}")]
     Thread(std::io::Error),
@@ -143,10 +147,11 @@ pub async fn run(
     };
 
     let content = Arc::new(Content::of(config.stage.scene.clone()));
+    let catalogue = Catalogue::of(&config.stage.scene)?;
     let traffic = Arc::new(Traffic::default());
     let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
     let started = Instant::now();
-    let engine = Engine::new(config, content.clone(), poses.clone(), traffic.clone(), started);
+    let engine = Engine::new(config, content.clone(), catalogue, poses.clone(), traffic.clone(), started);
     let (ended, end) = tokio::sync::oneshot::channel();
     std::thread::Builder::new()
         .name("engine".into())

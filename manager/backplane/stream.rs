@@ -6,7 +6,6 @@
 use super::director::{Director, Substituted};
 use super::residency::foresight::{AHEAD_S, Motion};
 use super::residency::{Available, Catalogue, Patience, Residency};
-use crate::scene::Scene;
 use proto::chain::Wiring;
 use proto::ids::{BoardId, BoardKey, ViewId};
 use proto::share::views_of;
@@ -43,9 +42,9 @@ impl DerefMut for Stream {
 }
 
 impl Stream {
-    pub(crate) fn new(scene: &Scene) -> Self {
+    pub(crate) fn new(catalogue: Catalogue) -> Self {
         Self {
-            residency: Residency::new(Catalogue::of(scene)),
+            residency: Residency::new(catalogue),
             motion: Motion::default(),
             turn: 0,
             looks: 0,

@@ -64,6 +64,36 @@ impl Bvh {
         tree
     }
 
+    /// The first branch that can't be one, and why: for trees that come from outside. In a tree without fault, every
+    /// range lies within the items and every way through the branches ends; which things are enclosed is not looked at.
+    pub(super) fn fault(&self) -> Option<(usize, &'static str)> {
+        let (branches, items) = (self.branches.len(), self.items.len());
+        if branches == 0 && items > 0 {
+            return Some((0, "items without a branch"));
+        }
+        // Ends of the subtrees that the branch is in: where the next one begins, and its items.
+        let mut open: Vec<(usize, u32, u32)> = Vec::new();
+        for (own, branch) in self.branches.iter().enumerate() {
+            while open.last().is_some_and(|(next, ..)| *next == own) {
+                open.pop();
+            }
+            let next = branch.next as usize;
+            let (end, first_item, end_item) = match open.last() {
+                Some(&around) => around,
+                None if own == 0 => (branches, 0, items as u32),
+                None => return Some((own, "a second root")),
+            };
+            if next <= own || next > end || (own == 0 && next != branches) {
+                return Some((own, "its subtree doesn't end within the one around it"));
+            }
+            if branch.first > branch.end || branch.first < first_item || branch.end > end_item {
+                return Some((own, "its items are not among those of the branch around it"));
+            }
+            open.push((next, branch.first, branch.end));
+        }
+        None
+    }
+
     // The recursion is as deep as log₂ of the number of items.
     fn grow(&mut self, balls: &[Sphere], range: Range<usize>) {
         let own = self.branches.len();

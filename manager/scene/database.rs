@@ -9,6 +9,7 @@
 
 use super::bounds;
 use super::bvh::Bvh;
+use super::contents::Contents;
 use super::extras::{Extras, Traits};
 use super::models::{self, Model};
 use super::parts::{AssembleError, COORDINATE_MAX, LightSource, NodeSource, Parts};
@@ -16,10 +17,11 @@ use super::planes;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use proto::ids::{ContentId, ModelId, ObjectId, SubobjectId};
 use proto::limits;
-use proto::scene::{Box3, LightRow, Material, Mesh, ModelPart, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
+use proto::scene::{
+    Box3, LightRow, Material, Mesh, ModelPart, NO_PLANE, ObjectRow, PlaneRow, SceneTable, Sphere, SubobjectRow, Texture,
+};
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Index into [`Scene::nodes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -151,9 +153,9 @@ pub struct Scene {
     /// Materials of the file that a piece has, in order of first use.
     pub materials: Vec<MaterialEntry>,
     /// All geometry, by content.
-    pub meshes: BTreeMap<ContentId, Arc<Mesh>>,
+    pub meshes: Contents<Mesh>,
     /// All textures, by content.
-    pub textures: BTreeMap<ContentId, Arc<Texture>>,
+    pub textures: Contents<Texture>,
     /// By [`ModelId`]; in the order of their nodes.
     pub models: Vec<Model>,
     /// What boards are sent: where objects are, which subobjects they have, and the lights.
@@ -176,6 +178,41 @@ pub struct Scene {
     entities: BTreeMap<u64, NodeIndex>,
 }
 
+/// What takes long to find out about a scene, or lies elsewhere than in its parts: a baked file brings it along.
+#[derive(Debug)]
+pub(super) struct Known {
+    /// By content.
+    pub meshes: Contents<Mesh>,
+    /// By content.
+    pub textures: Contents<Texture>,
+    /// Over the objects.
+    pub tree: Bvh,
+    /// Named nodes, by name, then in order.
+    pub names: Vec<NodeIndex>,
+    /// Planes that faces share.
+    pub planes: Planes,
+}
+
+/// The part of [`SceneTable`] that [`planes::find`] makes.
+#[derive(Debug)]
+pub(super) struct Planes {
+    /// Indexed by plane.
+    pub planes: Vec<PlaneRow>,
+    /// For each face of each subobject that has any.
+    pub of_faces: Vec<u32>,
+    /// By subobject: where its faces begin, or [`NO_PLANE`]. Empty if none has any.
+    pub of_subobjects: Vec<u32>,
+}
+
+impl Planes {
+    fn enter(self, table: &mut SceneTable) {
+        for (row, begin) in table.subobjects.iter_mut().zip(self.of_subobjects) {
+            row.planes = (begin != NO_PLANE).then_some(begin);
+        }
+        (table.planes, table.face_planes) = (self.planes, self.of_faces);
+    }
+}
+
 impl Scene {
     /// Puts the parts together: numbers objects and subobjects, carries transformations down the tree, bounds
     /// everything.
@@ -186,6 +223,15 @@ impl Scene {
     /// # Panics
     /// If the nodes are not in depth-first order: the importer's own mistake.
     pub fn assemble(parts: Parts) -> Result<Self, AssembleError> {
+        Self::build(parts, None)
+    }
+
+    /// The same with what is known already; the parts have no meshes and textures of their own.
+    pub(super) fn assemble_known(parts: Parts, known: Known) -> Result<Self, AssembleError> {
+        Self::build(parts, Some(known))
+    }
+
+    fn build(parts: Parts, known: Option<Known>) -> Result<Self, AssembleError> {
         let Parts { name, nodes: sources, shapes, materials, meshes, textures, mut warnings } = parts;
         check_counts(&sources, &shapes)?;
         let mut nodes: Vec<Node> = Vec::with_capacity(sources.len());
@@ -281,20 +327,25 @@ impl Scene {
         }
         table.models = finder.rows();
         let model_names = finder.names(&nodes);
-        planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);
         close_subtrees(&mut nodes);
-
         let spheres: Vec<Sphere> = objects.iter().map(|object| object.sphere).collect();
-        let mut names: Vec<NodeIndex> =
-            (0..nodes.len() as u32).map(NodeIndex).filter(|node| !nodes[node.0 as usize].name.is_empty()).collect();
-        names.sort_by(|a, b| nodes[a.0 as usize].name.cmp(&nodes[b.0 as usize].name).then(a.cmp(b)));
+        let (meshes, textures, tree, names) = match known {
+            Some(known) => {
+                known.planes.enter(&mut table);
+                (known.meshes, known.textures, known.tree, known.names)
+            }
+            None => {
+                planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);
+                (meshes.into(), textures.into(), Bvh::build(&spheres), by_name(&nodes))
+            }
+        };
         Ok(Self {
             name,
             roots: (0..nodes.len() as u32)
                 .map(NodeIndex)
                 .filter(|node| nodes[node.0 as usize].parent.is_none())
                 .collect(),
-            tree: Bvh::build(&spheres),
+            tree,
             sphere: bounds::ball_of_balls(spheres.iter()),
             nodes,
             objects,
@@ -311,6 +362,11 @@ impl Scene {
             names,
             entities,
         })
+    }
+
+    /// Whether its meshes and textures are read from a baked file when they are asked for.
+    pub fn is_baked(&self) -> bool {
+        self.meshes.is_baked()
     }
 
     /// The node at `index`.
@@ -342,6 +398,16 @@ impl Scene {
         self.entities.get(&number).copied()
     }
 
+    /// Named nodes, by name, then in order.
+    pub(super) fn named_nodes(&self) -> &[NodeIndex] {
+        &self.names
+    }
+
+    /// Every number that [`Self::node_by_entity`] knows, ascending, with its node.
+    pub fn entities(&self) -> impl Iterator<Item = (u64, NodeIndex)> + '_ {
+        self.entities.iter().map(|(&number, &node)| (number, node))
+    }
+
     /// All names of nodes, sorted; each as often as it occurs.
     pub fn node_names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(|&node| self.node(node).name.as_str())
@@ -364,6 +430,14 @@ impl Scene {
     }
 }
 
+/// The nodes that have a name, by name, then in order.
+fn by_name(nodes: &[Node]) -> Vec<NodeIndex> {
+    let named = |node: &NodeIndex| !nodes[node.0 as usize].name.is_empty();
+    let mut names: Vec<NodeIndex> = (0..nodes.len() as u32).map(NodeIndex).filter(named).collect();
+    names.sort_by(|a, b| nodes[a.0 as usize].name.cmp(&nodes[b.0 as usize].name).then(a.cmp(b)));
+    names
+}
+
 /// A light where its node stands. Scale does not change what it gives, only a mirror where it points.
 fn placed(light: LightSource, world: &DAffine3, orientation: DQuat) -> LightRow {
     let direction = world.transform_vector3(DVec3::NEG_Z).try_normalize().unwrap_or(orientation * DVec3::NEG_Z);
@@ -375,10 +449,14 @@ fn check_counts(sources: &[NodeSource], shapes: &[Shape]) -> Result<(), Assemble
     let objects = shown().count();
     let subobjects = shown().map(|shape| shapes[shape.0 as usize].pieces.len()).sum();
     let lights = sources.iter().filter(|node| node.light.is_some()).count();
+    // Numbers of primitives, which are u32; shapes have at least one piece.
+    let primitives =
+        shown().map(|shape| shapes[shape.0 as usize].pieces.last().map_or(0, |last| last.primitive as usize + 1)).sum();
     let versions = sources.iter().map(|node| node.levels as usize).max().unwrap_or(0);
     for (what, count, limit) in [
         ("objects", objects, limits::OBJECTS_MAX),
         ("subobjects", subobjects, limits::SUBOBJECTS_MAX),
+        ("primitives", primitives, u32::MAX as usize),
         ("lights", lights, limits::LIGHTS_MAX),
         ("levels of detail of one model", versions, limits::VERSIONS_MAX),
     ] {

@@ -4,6 +4,7 @@
 //! it. The tree is abbreviated, because nobody reads ten thousand lines: of many brothers the first few are shown, and
 //! what is left out is counted.
 
+use super::baked::Facts;
 use super::{NodeIndex, Scene};
 use proto::ids::ContentId;
 use proto::scene::{Alpha, Box3, Sphere};
@@ -35,6 +36,9 @@ pub struct Inspection {
     pub tree: Vec<TreeLine>,
     /// What the importer left out or mended.
     pub warnings: Vec<String>,
+    /// The file it is in, if that is a baked one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baked: Option<Facts>,
 }
 
 /// How many there are.
@@ -129,11 +133,8 @@ pub fn inspect(scene: &Scene) -> Inspection {
             Alpha::Blend => materials.blend += 1,
         }
     }
-    let mut textures: Vec<TextureLine> = scene
-        .textures
-        .iter()
-        .map(|(id, texture)| TextureLine { id: id.to_string(), width: texture.width, height: texture.height })
-        .collect();
+    let mut textures: Vec<TextureLine> =
+        scene.textures.sizes().map(|(id, [width, height])| TextureLine { id: id.to_string(), width, height }).collect();
     textures.sort_by_key(|line| std::cmp::Reverse(u64::from(line.width) * u64::from(line.height)));
 
     let mut tree = Vec::new();
@@ -159,6 +160,7 @@ pub fn inspect(scene: &Scene) -> Inspection {
         sphere: Some(scene.sphere).filter(|sphere| sphere.radius >= 0.0),
         tree,
         warnings: scene.warnings.clone(),
+        baked: None,
     }
 }
 
@@ -257,6 +259,9 @@ impl fmt::Display for Inspection {
         }
         for warning in &self.warnings {
             writeln!(f, "warning: {warning}")?;
+        }
+        if let Some(facts) = &self.baked {
+            write!(f, "{facts}")?;
         }
         Ok(())
     }

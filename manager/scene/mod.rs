@@ -5,13 +5,18 @@
 //! file ([`import`]) or from parts ([`Parts`]), and never changes: what a host moves is kept beside it, in
 //! [`Entities`], so that one scene serves any number of frames, threads and eyepoints.
 //!
+//! A scene can be written to a file that opens in milliseconds ([`baked`]); then [`Contents`], its meshes and textures, are read
+//! from there when somebody asks.
+//!
 //! `extras` is what modellers say about parts of a scene, `models` what merges or has versions, `planes` which faces lie
 //! over each other in one plane. [`split`] cuts primitives into subobjects, [`bounds`] puts balls and boxes round things, [`bvh`] arranges the balls for
 //! culling, [`inspect`] describes the result to a person.
 
+pub mod baked;
 pub mod bounds;
 pub mod builtin;
 pub mod bvh;
+mod contents;
 mod database;
 mod entity;
 mod extras;
@@ -24,6 +29,7 @@ mod parts;
 mod planes;
 pub mod split;
 
+pub use contents::{Content, ContentError, Contents};
 pub use database::{MaterialEntry, Node, NodeIndex, Object, Piece, Scene, Shape, ShapeIndex};
 pub use entity::{Entities, MovedObject};
 pub use extras::{Extras, Traits};

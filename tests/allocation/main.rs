@@ -108,10 +108,10 @@ fn a_frame_allocates_nothing_once_its_flight_was_flown(name: &str) {
     let all = &built.camera.poses;
     let stops: Vec<_> = (0..POSES).map(|k| Stop::new(&scene, &all[k * all.len() / POSES])).collect();
     let mut store = SceneStore::new();
-    for (id, texture) in &scene.textures {
+    for (id, texture) in &scene.textures.all().unwrap() {
         store.insert_texture(*id, texture.as_ref().clone()).unwrap();
     }
-    for (id, mesh) in &scene.meshes {
+    for (id, mesh) in &scene.meshes.all().unwrap() {
         store.insert_mesh(*id, mesh.as_ref().clone()).unwrap();
     }
     store.set_table(scene.table.clone()).unwrap();

@@ -10,6 +10,7 @@
 
 mod bad_input;
 mod grid;
+mod bake;
 mod hostile;
 mod lifecycle;
 mod lights;

@@ -1,6 +1,6 @@
 //! The pieces of a scene and what needs them, by small numbers: what planning looks up millions of times.
 
-use crate::scene::Scene;
+use crate::scene::{ContentError, Scene};
 use proto::ids::{ContentId, SubobjectId};
 use proto::piece::{PieceKind, mesh_memory, texture_memory};
 use proto::scene::{ModelPart, SceneTable, SubobjectRow};
@@ -40,17 +40,21 @@ pub(crate) struct Catalogue {
 }
 
 impl Catalogue {
-    pub(crate) fn of(scene: &Scene) -> Self {
-        let textures = scene.textures.iter().map(|(id, texture)| Entry {
+    /// # Errors
+    /// When the scene is in a baked file that doesn't give all of it.
+    pub(crate) fn of(scene: &Scene) -> Result<Self, ContentError> {
+        let texture = |(id, [width, height]): (&ContentId, [u32; 2])| Entry {
             id: *id,
-            memory: texture_memory(texture.width, texture.height),
+            memory: texture_memory(width, height),
             textures: [None; 2],
-        });
-        let meshes = scene.meshes.iter().map(|(id, mesh)| {
+        };
+        let mesh = |id: &ContentId| {
+            let mesh = scene.meshes.get(id)?;
             let uses = [mesh.material.base_texture, mesh.material.emissive_texture];
-            Entry { id: *id, memory: mesh_memory(mesh), textures: uses.map(|used| used.map(|used| used.texture)) }
-        });
-        Self::new(textures.collect(), meshes.collect(), &scene.table)
+            Ok(Entry { id: *id, memory: mesh_memory(&mesh), textures: uses.map(|used| used.map(|used| used.texture)) })
+        };
+        let meshes = scene.meshes.keys().map(mesh).collect::<Result<_, ContentError>>()?;
+        Ok(Self::new(scene.textures.sizes().map(texture).collect(), meshes, &scene.table))
     }
 
     /// Of entries in ascending order, which have what the table names. What no subobject needs is left out.

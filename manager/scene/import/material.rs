@@ -122,6 +122,7 @@ impl Importer<'_> {
             None => {
                 let id = self.parts.add_texture(picture::load(&self.data, image, self.folder, label)?);
                 self.textures.insert(image, id);
+                self.watch.on(super::PICTURE_CORNERS);
                 id
             }
         };

@@ -4,7 +4,7 @@ use super::accessor::{For, at};
 use super::error::Fault;
 use super::extras::At;
 use super::material::Ready;
-use super::{Importer, extras};
+use super::{Importer, corners, extras};
 use crate::scene::split::{Primitive, split};
 use crate::scene::{Extras, PieceSource, ShapeIndex};
 use gltf::json;
@@ -33,6 +33,7 @@ impl Importer<'_> {
         let whole = extras::read(&described.extras, At::Mesh, &label, &mut self.warnings);
         let mut pieces: Vec<PieceSource> = Vec::new();
         for (number, described) in described.primitives.iter().enumerate() {
+            self.watch.on(corners(root, described));
             if let Some((primitive, ready)) = self.primitive(described, place)? {
                 self.triangles += primitive.triangles.len() as u64;
                 if self.triangles > TRIANGLES_MAX {

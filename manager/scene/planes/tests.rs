@@ -68,7 +68,7 @@ impl World {
         let mut entries = 0;
         for row in &table.subobjects {
             let Some(start) = row.planes else { continue };
-            let mesh = &scene.meshes[&row.mesh];
+            let mesh = scene.meshes.get(&row.mesh).unwrap();
             entries += mesh.triangles.len();
             for (corners, &plane) in mesh.triangles.iter().zip(&table.face_planes[start as usize..]) {
                 let Some(plane) = table.planes.get(plane as usize) else {

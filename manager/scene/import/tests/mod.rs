@@ -114,7 +114,7 @@ fn push(list: &mut Value, entry: Value) -> usize {
     list.len() - 1
 }
 
-fn only_mesh(scene: &Scene) -> &proto::scene::Mesh {
+fn only_mesh(scene: &Scene) -> std::sync::Arc<proto::scene::Mesh> {
     assert_eq!(scene.meshes.len(), 1);
-    scene.meshes.values().next().unwrap()
+    scene.meshes.all().unwrap().into_values().next().unwrap()
 }

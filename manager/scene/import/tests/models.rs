@@ -86,8 +86,8 @@ fn the_skyhawk_is_whole_and_its_three_faults_are_named() {
 fn every_texture_that_is_used_is_there_and_none_is_there_for_nothing() {
     for file in ["TextureSettingsTest.glb", "house.glb", "LightsPunctualLamp/LightsPunctualLamp.gltf"] {
         let Some(scene) = get(file) else { return };
-        let used: std::collections::BTreeSet<_> = scene
-            .meshes
+        let meshes = scene.meshes.all().unwrap();
+        let used: std::collections::BTreeSet<_> = meshes
             .values()
             .flat_map(|mesh| [mesh.material.base_texture, mesh.material.emissive_texture])
             .flatten()

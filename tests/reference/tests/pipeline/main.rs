@@ -41,8 +41,8 @@ impl Content {
     fn of(scene: &Scene) -> Self {
         Self {
             table: scene.table.clone(),
-            meshes: scene.meshes.clone(),
-            textures: scene.textures.clone(),
+            meshes: scene.meshes.all().unwrap(),
+            textures: scene.textures.all().unwrap(),
             ..Self::default()
         }
     }
