@@ -2,7 +2,7 @@
 
 use super::lists::Lists;
 use crate::scene::{Entities, NodeIndex, Scene};
-use crate::select::{Counters, Detail, DetailMode, LevelTable, Selection, Selector, detail};
+use crate::select::{Counters, Detail, DetailMode, LevelTable, Selector, Sight, detail};
 use proto::frame::{Environment, Moved, VersionWeights};
 use proto::ids::ModelId;
 use proto::pose::{EntityRef, PosePacket, name_hash};
@@ -61,7 +61,8 @@ pub(crate) struct Director {
     models: BTreeMap<u64, (ModelId, u32)>,
     detail: Detail,
     selector: Selector,
-    selection: Selection,
+    /// Those of the stage, as selection takes them.
+    views: Vec<View>,
     pub lists: Lists,
     pub moved: Vec<Moved>,
     /// Models that the host mixes, ascending.
@@ -90,7 +91,7 @@ impl Director {
             models,
             detail,
             selector: Selector::new(),
-            selection: Selection::default(),
+            views: Vec::new(),
             lists: Lists::default(),
             moved: Vec::new(),
             given: Vec::new(),
@@ -155,22 +156,14 @@ impl Director {
         let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
         let (given, out) = (&self.given, &mut self.weights);
         self.detail.select(scene, &self.entities, given, eye.position, factor, environment.visibility_m, out);
-        let mut counts = Vec::with_capacity(self.stage.views.len());
-        for (i, setup) in self.stage.views.iter().enumerate() {
-            let Stage { scene, eye, environment, .. } = &self.stage;
-            let visibility = environment.visibility_m;
-            self.selector.select(
-                scene,
-                &self.entities,
-                &self.weights,
-                *eye,
-                &setup.view,
-                visibility,
-                &mut self.selection,
-            );
-            counts.push(self.selection.counters);
-            self.lists.set(i, &mut self.selection.subobjects);
+        self.views.clear();
+        self.views.extend(views.iter().map(|setup| setup.view));
+        let sight = Sight::whole(*eye, &self.views, environment.visibility_m);
+        if self.selector.select(scene, &self.entities, &self.weights, &sight) {
+            for (i, selection) in self.selector.found_mut().iter_mut().enumerate() {
+                self.lists.set(i, &mut selection.subobjects);
+            }
         }
-        counts.into_iter()
+        self.selector.found().iter().map(|selection| selection.counters)
     }
 }

@@ -7,8 +7,9 @@
 //! A *shape* is a mesh of the file after splitting: several objects may show one shape. Shapes keep what culling asks
 //! (bounds) and the name of the geometry; the geometry itself is in [`Scene::meshes`], by content.
 
+use super::blocks::{Blocks, Bodies, Content};
 use super::bounds;
-use super::bvh::Bvh;
+use super::bvh::{Bvh, Cut};
 use super::extras::{Extras, Traits};
 use super::models::{self, Model};
 use super::parts::{AssembleError, COORDINATE_MAX, LightSource, NodeSource, Parts};
@@ -16,7 +17,9 @@ use super::planes;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use proto::ids::{ContentId, ModelId, ObjectId, SubobjectId};
 use proto::limits;
-use proto::scene::{Box3, LightRow, Material, Mesh, ModelPart, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
+use proto::scene::{
+    Alpha, Box3, LightRow, Material, Mesh, ModelPart, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture,
+};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -158,10 +161,8 @@ pub struct Scene {
     pub models: Vec<Model>,
     /// What boards are sent: where objects are, which subobjects they have, and the lights.
     pub table: SceneTable,
-    /// By [`SubobjectId`]: encloses it where the file puts it, world.
-    pub subobject_spheres: Vec<Sphere>,
-    /// Over [`Scene::objects`], where the file puts them.
-    pub tree: Bvh,
+    /// What selection walks: a tree over the balls of [`Scene::objects`] and those of their subobjects, where the file puts them.
+    pub blocks: Blocks,
     /// Encloses everything, world; negative radius for an empty scene.
     pub sphere: Sphere,
     /// Encloses everything, world; `None` for an empty scene.
@@ -284,7 +285,9 @@ impl Scene {
         planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);
         close_subtrees(&mut nodes);
 
-        let spheres: Vec<Sphere> = objects.iter().map(|object| object.sphere).collect();
+        let bodies =
+            Assembled { objects: &objects, shapes: &shapes, materials: &materials, spheres: &subobject_spheres };
+        let blocks = Blocks::build(&bodies, Cut::Middle);
         let mut names: Vec<NodeIndex> =
             (0..nodes.len() as u32).map(NodeIndex).filter(|node| !nodes[node.0 as usize].name.is_empty()).collect();
         names.sort_by(|a, b| nodes[a.0 as usize].name.cmp(&nodes[b.0 as usize].name).then(a.cmp(b)));
@@ -294,8 +297,8 @@ impl Scene {
                 .map(NodeIndex)
                 .filter(|node| nodes[node.0 as usize].parent.is_none())
                 .collect(),
-            tree: Bvh::build(&spheres),
-            sphere: bounds::ball_of_balls(spheres.iter()),
+            blocks,
+            sphere: bounds::ball_of_balls(objects.iter().map(|object| object.sphere)),
             nodes,
             objects,
             shapes,
@@ -305,7 +308,6 @@ impl Scene {
             model_names,
             models: finder.models,
             table,
-            subobject_spheres,
             bounds: bounds_all,
             warnings,
             names,
@@ -361,6 +363,52 @@ impl Scene {
     pub fn subobjects_of(&self, object: &Object) -> Range<u32> {
         let first = object.first_subobject.0;
         first..first + self.shape_of(object).pieces.len() as u32
+    }
+}
+
+/// What the database of balls is made from.
+struct Assembled<'a> {
+    objects: &'a [Object],
+    shapes: &'a [Shape],
+    materials: &'a [MaterialEntry],
+    /// By subobject.
+    spheres: &'a [Sphere],
+}
+
+impl Assembled<'_> {
+    fn shape(&self, object: u32) -> &Shape {
+        &self.shapes[self.objects[object as usize].shape.0 as usize]
+    }
+}
+
+impl Bodies for Assembled<'_> {
+    fn count(&self) -> usize {
+        self.objects.len()
+    }
+
+    fn ball(&self, object: u32) -> Sphere {
+        self.objects[object as usize].sphere
+    }
+
+    fn pieces(&self, object: u32) -> Range<u32> {
+        let first = self.objects[object as usize].first_subobject.0;
+        first..first + self.shape(object).pieces.len() as u32
+    }
+
+    fn piece_ball(&self, piece: u32) -> Sphere {
+        self.spheres[piece as usize]
+    }
+
+    fn content(&self, object: u32) -> Content {
+        self.shape(object).pieces.iter().fold(Content::default(), |sum, piece| {
+            let material = self.materials.get(piece.material as usize);
+            let is_translucent = material.is_some_and(|entry| entry.material.alpha == Alpha::Blend);
+            Content {
+                vertices: sum.vertices.saturating_add(piece.vertices),
+                triangles: sum.triangles.saturating_add(piece.triangles),
+                translucent: sum.translucent + u32::from(is_translucent),
+            }
+        })
     }
 }
 

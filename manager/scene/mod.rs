@@ -9,6 +9,7 @@
 //! over each other in one plane. [`split`] cuts primitives into subobjects, [`bounds`] puts balls and boxes round things, [`bvh`] arranges the balls for
 //! culling, [`inspect`] describes the result to a person.
 
+pub mod blocks;
 pub mod bounds;
 pub mod builtin;
 pub mod bvh;
