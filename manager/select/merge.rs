@@ -5,55 +5,66 @@
 
 use super::sort::{Entry, id, step};
 use proto::ids::SubobjectId;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
-/// The head of a list, and which list.
-type Head = Reverse<(u32, u64, u32, u32)>;
+use std::cmp::Ordering;
 
 /// Working memory.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
-    heads: BinaryHeap<Head>,
+    /// Numbers of the lists that aren't through, as a heap by their heads: the first is the least, and k is no greater than 2k + 1 and 2k + 2.
+    heap: Vec<usize>,
     at: Vec<usize>,
 }
 
 /// Appends to `out` the ids of all `lists`, each sorted by power, then id, in that order. `power` gives the ordered bits of an id's power, and is asked
-/// only where steps are equal.
-pub(super) fn merge(lists: &[&[Entry]], scratch: &mut Scratch, power: impl Fn(u32) -> u64, out: &mut Vec<SubobjectId>) {
+/// only where steps are equal: it may have to search.
+pub(super) fn merge(
+    lists: &[&[Entry]],
+    Scratch { heap, at }: &mut Scratch,
+    power: impl Fn(u32) -> u64,
+    out: &mut Vec<SubobjectId>,
+) {
     out.reserve(lists.iter().map(|list| list.len()).sum());
-    let Scratch { heads, at } = scratch;
-    heads.clear();
+    let exact = |entry: Entry| (power(id(entry).0), id(entry).0);
+    let compare = |a: Entry, b: Entry| step(a).cmp(&step(b)).then_with(|| exact(a).cmp(&exact(b)));
     at.clear();
     at.resize(lists.len(), 0);
-    if let [only] = lists {
-        return out.extend(only.iter().map(|&entry| id(entry)));
+    heap.clear();
+    heap.extend((0..lists.len()).filter(|&list| !lists[list].is_empty()));
+    for top in (0..heap.len() / 2).rev() {
+        sift(heap, top, |a, b| compare(lists[a][at[a]], lists[b][at[b]]));
     }
-    // Powers are compared only where steps are equal; asking for that of every head costs little, for heads are few.
-    let head = |list: usize, at: usize| {
-        let entry = *lists[list].get(at)?;
-        Some(Reverse((step(entry), power(id(entry).0), id(entry).0, list as u32)))
-    };
-    heads.extend((0..lists.len()).filter_map(|list| head(list, 0)));
-    while let Some(Reverse((.., list))) = heads.pop() {
-        let (own, start) = (lists[list as usize], at[list as usize]);
-        let Some(&Reverse((next_step, next_power, next_id, _))) = heads.peek() else {
-            out.extend(own[start..].iter().map(|&entry| id(entry)));
-            return;
+    while let Some(&least) = heap.first() {
+        let own = &lists[least][at[least]..];
+        // The next list is below the first, on the left or on the right.
+        let next = match heap[1..] {
+            [] => None,
+            [only] => Some(only),
+            [a, b, ..] => Some(if compare(lists[a][at[a]], lists[b][at[b]]) == Ordering::Greater { b } else { a }),
         };
-        let is_before = |entry: Entry| match step(entry).cmp(&next_step) {
-            std::cmp::Ordering::Less => true,
-            std::cmp::Ordering::Greater => false,
-            std::cmp::Ordering::Equal => (power(id(entry).0), id(entry).0) < (next_power, next_id),
+        let taken = match next.map(|next| lists[next][at[next]]) {
+            None => own.len(),
+            // The head is before all others.
+            Some(other) => 1 + own[1..].iter().take_while(|&&entry| compare(entry, other) == Ordering::Less).count(),
         };
-        // The first is before all others.
-        let mut end = start + 1;
-        while end < own.len() && is_before(own[end]) {
-            end += 1;
+        out.extend(own[..taken].iter().map(|&entry| id(entry)));
+        at[least] += taken;
+        if at[least] == lists[least].len() {
+            heap.swap_remove(0);
         }
-        out.extend(own[start..end].iter().map(|&entry| id(entry)));
-        at[list as usize] = end;
-        heads.extend(head(list as usize, end));
+        sift(heap, 0, |a, b| compare(lists[a][at[a]], lists[b][at[b]]));
+    }
+}
+
+/// Lets the list at `top` sink to where those below it are no less.
+fn sift(heap: &mut [usize], mut top: usize, compare: impl Fn(usize, usize) -> Ordering) {
+    loop {
+        let below = [2 * top + 1, 2 * top + 2].into_iter().filter(|&below| below < heap.len());
+        let Some(least) = below.min_by(|&a, &b| compare(heap[a], heap[b])) else { return };
+        if compare(heap[least], heap[top]) != Ordering::Less {
+            return;
+        }
+        heap.swap(least, top);
+        top = least;
     }
 }
 

@@ -105,8 +105,8 @@ pub(super) fn id(entry: Entry) -> SubobjectId {
 
 /// From this length on buckets are used; clearing and summing their counters costs as much as sorting some hundred entries.
 const BUCKETS_FROM: usize = 1000;
-/// Most bits of a bucket's number: as many counters as a second-level cache holds.
-const BUCKET_BITS_MAX: u32 = 18;
+/// Most bits of a bucket's number: 8 MB of counters, of which a narrow window is in use at a time.
+const BUCKET_BITS_MAX: u32 = 21;
 /// Buckets of more entries than this are given to the library's sort.
 const CROWDED: u32 = 24;
 
@@ -131,7 +131,8 @@ pub(super) fn sort(list: &mut Vec<Entry>, scratch: &mut Scratch, power: impl Fn(
 fn by_buckets(list: &mut Vec<Entry>, Scratch { spare, counts, .. }: &mut Scratch) {
     let (least, most) = list.iter().fold((Entry::MAX, 0), |(least, most), &entry| (least.min(entry), most.max(entry)));
     let (least, range) = (step(least), step(most) - step(least));
-    let bits = (list.len().ilog2()).min(BUCKET_BITS_MAX);
+    // One to two buckets for an entry: most are alone in theirs.
+    let bits = (list.len().ilog2() + 1).min(BUCKET_BITS_MAX);
     let shift = (32 - range.leading_zeros()).saturating_sub(bits);
     let bucket = |entry: Entry| ((step(entry) - least) >> shift) as usize;
     counts.clear();

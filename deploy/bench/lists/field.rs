@@ -103,9 +103,10 @@ impl Layout {
 
 /// What the database is made from: some of a layout's objects.
 struct Standing<'a> {
-    layout: Layout,
     /// Which of them.
     objects: &'a [u32],
+    /// Their balls.
+    balls: Vec<Sphere>,
 }
 
 impl Bodies for Standing<'_> {
@@ -113,14 +114,14 @@ impl Bodies for Standing<'_> {
         self.objects.len()
     }
     fn ball(&self, object: u32) -> Sphere {
-        self.layout.at(self.objects[object as usize] as usize)
+        self.balls[object as usize]
     }
     fn pieces(&self, object: u32) -> Range<u32> {
         object * PIECES..(object + 1) * PIECES
     }
     fn piece_ball(&self, piece: u32) -> Sphere {
-        let object = self.objects[(piece / PIECES) as usize] as usize;
-        Layout::piece(object, piece % PIECES, self.layout.at(object).centre)
+        let object = (piece / PIECES) as usize;
+        Layout::piece(self.objects[object] as usize, piece % PIECES, self.balls[object].centre)
     }
     fn content(&self, object: u32) -> Content {
         let object = self.objects[object as usize] as usize;
@@ -159,7 +160,8 @@ impl Field {
 
     /// Of some of a layout's objects.
     pub(crate) fn of(layout: Layout, objects: &[u32], cut: Cut) -> Self {
-        let blocks = Blocks::build(&Standing { layout, objects }, cut);
+        let balls = objects.iter().map(|&object| layout.at(object as usize)).collect();
+        let blocks = Blocks::build(&Standing { objects, balls }, cut);
         let mut numbers = vec![u32::MAX; objects.len()];
         let mut movers = Vec::new();
         for (object, &laid) in (0..).zip(objects).filter(|(_, laid)| layout.is_moving(**laid as usize)) {
