@@ -33,6 +33,7 @@ fn main() -> ExitCode {
         Command::Scene(args) => source::write_scene(&args),
         Command::Check(args) => check::run(&args),
         Command::Bench(BenchCommand::Pixels(args)) => bench::pixels(&args),
+        Command::Bench(BenchCommand::Lists(args)) => bench::lists(&args),
         Command::Bench(BenchCommand::Flight(args)) => bench::flight(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
     };

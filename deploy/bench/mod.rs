@@ -1,18 +1,20 @@
 //! `cyclorama bench`: figures, as ratios in one run where that is possible, each answer checked before its time counts.
 //!
 //! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
-//! those that draw in it, turn by turn, `flight` draws one path for long, `instructions` counts
+//! those that draw in it, turn by turn, `flight` draws one path for long, `lists` selects from made-up worlds, `instructions` counts
 //! what times can't tell on a busy machine, `truth` says how far their pictures are from the reference, `peer` is the process
 //! that llvmpipe draws in.
 
 mod entrant;
 mod flight;
 mod instructions;
+mod lists;
 mod peer;
 mod pixels;
 mod truth;
 
 pub(crate) use flight::flight;
+pub(crate) use lists::lists;
 pub(crate) use peer::peer;
 pub(crate) use pixels::pixels;
 

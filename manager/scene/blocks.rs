@@ -54,18 +54,40 @@ pub struct Grid {
     pub unit: f64,
 }
 
-/// Balls of a block's grid, one array per number.
-#[derive(Clone, Debug, Default)]
-pub struct Balls {
+/// The balls of a block's objects, on its grid: one array per number, by slot. Those of objects that the last block doesn't have are 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(align(64))]
+pub struct ObjectBalls {
     /// Offset of the centre, units.
-    pub x: Vec<f32>,
+    pub x: Lane,
     /// Offset of the centre, units.
-    pub y: Vec<f32>,
+    pub y: Lane,
     /// Offset of the centre, units.
-    pub z: Vec<f32>,
+    pub z: Lane,
     /// Radius, units.
-    pub radius: Vec<f32>,
+    pub radius: Lane,
 }
+
+/// A number of each object of a block.
+pub type Lane = [f32; BLOCK];
+
+/// The balls of a block's subobjects, on its grid, and their numbers: one array each, by place, counted from the block's first.
+#[derive(Clone, Copy, Debug)]
+pub struct PieceBalls<'a> {
+    /// Offset of the centre, units, as bits of an f32.
+    pub x: &'a [u32],
+    /// Offset of the centre, units, as bits of an f32.
+    pub y: &'a [u32],
+    /// Offset of the centre, units, as bits of an f32.
+    pub z: &'a [u32],
+    /// Radius, units, as bits of an f32.
+    pub radius: &'a [u32],
+    /// The subobjects' numbers.
+    pub ids: &'a [u32],
+}
+
+/// Numbers that are kept of a subobject.
+const PIECE_WORDS: usize = 5;
 
 /// See the module's head.
 #[derive(Clone, Debug, Default)]
@@ -78,14 +100,13 @@ pub struct Blocks {
     pub sizes: Vec<[f32; 2]>,
     /// By block.
     pub grids: Vec<Grid>,
-    /// By slot.
-    pub objects: Balls,
+    /// By block.
+    pub objects: Vec<ObjectBalls>,
     /// By slot, and one more: where the object's subobjects begin.
     pub first: Vec<u32>,
-    /// Of subobjects, by place: those of slot 0, then those of slot 1 …
-    pub pieces: Balls,
-    /// By place: the subobject's number.
-    pub ids: Vec<u32>,
+    /// Of subobjects, whose places are those of slot 0, then those of slot 1 …: block by block, in a block number by number, so that a block is one
+    /// stretch of memory.
+    pieces: Vec<u32>,
     /// By object.
     slots: Vec<u32>,
     /// By slot.
@@ -138,28 +159,6 @@ impl Grid {
     }
 }
 
-impl Balls {
-    fn with_capacity(count: usize) -> Self {
-        let room = || Vec::with_capacity(count);
-        Self { x: room(), y: room(), z: room(), radius: room() }
-    }
-
-    fn push(&mut self, [x, y, z, radius]: [f32; 4]) {
-        self.x.push(x);
-        self.y.push(y);
-        self.z.push(z);
-        self.radius.push(radius);
-    }
-
-    fn at(&self, index: usize) -> [f32; 4] {
-        [self.x[index], self.y[index], self.z[index], self.radius[index]]
-    }
-
-    fn bytes(&self) -> usize {
-        [&self.x, &self.y, &self.z, &self.radius].into_iter().map(bytes_of).sum()
-    }
-}
-
 fn bytes_of<T>(list: &Vec<T>) -> usize {
     list.capacity() * size_of::<T>()
 }
@@ -182,32 +181,40 @@ impl Blocks {
             serial: SERIAL.fetch_add(1, Ordering::Relaxed),
             sizes: Vec::new(),
             grids: Vec::with_capacity(count.div_ceil(BLOCK)),
-            objects: Balls::with_capacity(count),
+            objects: Vec::with_capacity(count.div_ceil(BLOCK)),
             first: Vec::with_capacity(count + 1),
-            pieces: Balls::with_capacity(pieces_all),
-            ids: Vec::with_capacity(pieces_all),
+            pieces: Vec::with_capacity(pieces_all * PIECE_WORDS),
             slots: vec![0; count],
             content: Vec::with_capacity(count),
             tree,
         };
         blocks.first.push(0);
+        let mut columns: [Vec<u32>; PIECE_WORDS] = Default::default();
         for block in blocks.tree.items.chunks(BLOCK) {
             let balls = || block.iter().map(|&object| filled(object));
             let pieces = block.iter().flat_map(|&object| bodies.pieces(object)).map(|piece| bodies.piece_ball(piece));
             let grid = Grid::around(balls().chain(pieces));
             blocks.grids.push(grid);
-            for &object in block {
+            let mut own = ObjectBalls { x: [0.0; BLOCK], y: [0.0; BLOCK], z: [0.0; BLOCK], radius: [0.0; BLOCK] };
+            columns.iter_mut().for_each(Vec::clear);
+            for (k, &object) in block.iter().enumerate() {
                 blocks.slots[object as usize] = blocks.content.len() as u32;
                 blocks.content.push(bodies.content(object));
-                let from = blocks.ids.len();
+                let from = columns[0].len();
                 for piece in bodies.pieces(object) {
-                    blocks.ids.push(piece);
-                    blocks.pieces.push(grid.put(bodies.piece_ball(piece), std::iter::empty()));
+                    let ball = grid.put(bodies.piece_ball(piece), std::iter::empty());
+                    for (column, bits) in columns.iter_mut().zip(ball.map(f32::to_bits).into_iter().chain([piece])) {
+                        column.push(bits);
+                    }
                 }
-                let within = (from..blocks.ids.len()).map(|place| grid.ball(blocks.pieces.at(place)));
-                blocks.objects.push(grid.put(filled(object), within));
-                blocks.first.push(blocks.ids.len() as u32);
+                let at = |place: usize| std::array::from_fn(|number| f32::from_bits(columns[number][place]));
+                let within = (from..columns[0].len()).map(|place| grid.ball(at(place)));
+                [own.x[k], own.y[k], own.z[k], own.radius[k]] = grid.put(filled(object), within);
+                let first = blocks.pieces.len() / PIECE_WORDS + columns[0].len();
+                blocks.first.push(first as u32);
             }
+            blocks.objects.push(own);
+            columns.iter().for_each(|column| blocks.pieces.extend_from_slice(column));
         }
         blocks.bound_branches(filled);
         blocks
@@ -273,7 +280,8 @@ impl Blocks {
 
     /// The ball of the object in a slot, world.
     pub fn ball(&self, slot: usize) -> Sphere {
-        self.grids[slot / BLOCK].ball(self.objects.at(slot))
+        let (balls, k) = (&self.objects[slot / BLOCK], slot % BLOCK);
+        self.grids[slot / BLOCK].ball([balls.x[k], balls.y[k], balls.z[k], balls.radius[k]])
     }
 
     /// The places of the subobjects of the object in a slot.
@@ -283,7 +291,34 @@ impl Blocks {
 
     /// The ball of a subobject, world, given its object's slot and its place.
     pub fn piece_ball(&self, slot: usize, place: usize) -> Sphere {
-        self.grids[slot / BLOCK].ball(self.pieces.at(place))
+        let (balls, k) = self.piece(slot, place);
+        let [x, y, z, radius] = [balls.x, balls.y, balls.z, balls.radius].map(|column| f32::from_bits(column[k]));
+        self.grids[slot / BLOCK].ball([x, y, z, radius])
+    }
+
+    /// The number of a subobject, given its object's slot and its place.
+    pub fn id(&self, slot: usize, place: usize) -> u32 {
+        let (balls, k) = self.piece(slot, place);
+        balls.ids[k]
+    }
+
+    fn piece(&self, slot: usize, place: usize) -> (PieceBalls<'_>, usize) {
+        let block = slot / BLOCK;
+        (self.pieces_of(block), place - self.first[block * BLOCK] as usize)
+    }
+
+    /// The subobjects of a block.
+    pub fn pieces_of(&self, block: usize) -> PieceBalls<'_> {
+        let slots = self.slots_of(block);
+        let (from, to) = (self.first[slots.start] as usize, self.first[slots.end] as usize);
+        let words = &self.pieces[from * PIECE_WORDS..to * PIECE_WORDS];
+        let column = |number: usize| &words[number * (to - from)..(number + 1) * (to - from)];
+        PieceBalls { x: column(0), y: column(1), z: column(2), radius: column(3), ids: column(4) }
+    }
+
+    /// Number of subobjects.
+    pub fn piece_count(&self) -> usize {
+        self.pieces.len() / PIECE_WORDS
     }
 
     /// What there is to draw of the object in a slot.
@@ -303,14 +338,15 @@ impl Blocks {
 
     /// The number of an object's first subobject.
     fn begin(&self, object: usize) -> u32 {
-        self.ids[self.first[self.slots[object] as usize] as usize]
+        let slot = self.slots[object] as usize;
+        self.id(slot, self.first[slot] as usize)
     }
 
     /// Memory, bytes.
     pub fn bytes(&self) -> usize {
         let tree = bytes_of(&self.tree.branches) + bytes_of(&self.tree.items) + bytes_of(&self.sizes);
         let slots = bytes_of(&self.grids) + bytes_of(&self.slots) + bytes_of(&self.first) + bytes_of(&self.content);
-        tree + slots + self.objects.bytes() + self.pieces.bytes() + bytes_of(&self.ids)
+        tree + slots + bytes_of(&self.objects) + bytes_of(&self.pieces)
     }
 }
 
@@ -370,7 +406,7 @@ mod tests {
                 let lost = kept.radius - exact.radius;
                 prop_assert!(lost <= 1e-6 * grid.unit + 1e-14 * grid.origin.length(), "lost {}", lost);
                 for (place, piece) in blocks.places(slot).zip(bodies.pieces(object)) {
-                    prop_assert_eq!(blocks.ids[place], piece);
+                    prop_assert_eq!(blocks.id(slot, place), piece);
                     prop_assert_eq!(blocks.object_of(piece), object);
                     let own = blocks.piece_ball(slot, place);
                     prop_assert!(encloses(own, bodies.piece_ball(piece)) && encloses(kept, own));
@@ -385,7 +421,7 @@ mod tests {
                 }
             }
             for block in 0..blocks.block_count() {
-                let radii = &blocks.objects.radius[blocks.slots_of(block)];
+                let radii = &blocks.objects[block].radius[..blocks.slots_of(block).len()];
                 prop_assert!(radii.windows(2).all(|pair| pair[0] * (1.0 + 1e-5) + 1e-5 >= pair[1]), "the largest first");
             }
         }
@@ -394,6 +430,6 @@ mod tests {
     #[test]
     fn nothing_is_a_database_too() {
         let blocks = Blocks::build(&Two(Vec::new()), Cut::Middle);
-        assert_eq!((blocks.count(), blocks.block_count(), blocks.ids.len()), (0, 0, 0));
+        assert_eq!((blocks.count(), blocks.block_count(), blocks.piece_count()), (0, 0, 0));
     }
 }

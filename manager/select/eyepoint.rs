@@ -66,7 +66,7 @@ pub(super) fn lowest(count: usize) -> u64 {
     if count >= 64 { u64::MAX } else { (1 << count) - 1 }
 }
 
-/// The objects of a block as seen from an apex. Beyond the last one is what was there before.
+/// The objects of a block as seen from an apex. Beyond the last one is anything.
 #[derive(Clone, Debug)]
 pub(super) struct Near {
     /// Centres, from the apex, m.
@@ -89,19 +89,13 @@ impl Default for Near {
 impl Near {
     /// Takes in a block.
     pub(super) fn load(&mut self, level: Level, blocks: &Blocks, block: usize, apex: DVec3) {
-        let slots = blocks.slots_of(block);
-        let grid = blocks.grids[block];
-        let balls = &blocks.objects;
-        let from = [&balls.x[slots.clone()], &balls.y[slots.clone()], &balls.z[slots.clone()], &balls.radius[slots]];
+        let (grid, balls) = (blocks.grids[block], &blocks.objects[block]);
         dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
-            let axes = [(&mut self.x, grid.origin.x, apex.x), (&mut self.y, grid.origin.y, apex.y), (&mut self.z, grid.origin.z, apex.z)];
-            for ((to, origin, apex), from) in axes.into_iter().zip(from) {
-                for (to, &from) in to.iter_mut().zip(from) {
-                    *to = (origin + f64::from(from) * grid.unit) - apex;
-                }
-            }
-            for (to, &from) in self.radius.iter_mut().zip(from[3]) {
-                *to = f64::from(from) * grid.unit;
+            for k in 0..BLOCK {
+                self.x[k] = (grid.origin.x + f64::from(balls.x[k]) * grid.unit) - apex.x;
+                self.y[k] = (grid.origin.y + f64::from(balls.y[k]) * grid.unit) - apex.y;
+                self.z[k] = (grid.origin.z + f64::from(balls.z[k]) * grid.unit) - apex.z;
+                self.radius[k] = f64::from(balls.radius[k]) * grid.unit;
             }
             self.measure();
         }));

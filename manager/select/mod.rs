@@ -29,6 +29,8 @@ mod groups;
 mod merge;
 mod moving;
 mod overlap;
+#[cfg(test)]
+mod properties;
 mod selector;
 mod sort;
 mod spread;
@@ -106,6 +108,8 @@ pub struct Counters {
     pub branches_inside: u64,
     /// Objects that were asked one by one.
     pub objects_tested: u64,
+    /// Objects of which the distance was worked out, to tell whether they are large enough; with the first view of their eyepoint.
+    pub objects_measured: u64,
     /// Objects of which something was selected.
     pub objects_visible: u64,
     /// Objects of which nothing was, whether asked or in a dropped branch.
@@ -130,6 +134,7 @@ impl Counters {
         self.branches_outside += other.branches_outside;
         self.branches_inside += other.branches_inside;
         self.objects_tested += other.objects_tested;
+        self.objects_measured += other.objects_measured;
         self.objects_visible += other.objects_visible;
         self.objects_culled += other.objects_culled;
         self.objects_small += other.objects_small;

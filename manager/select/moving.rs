@@ -93,16 +93,17 @@ impl Moving {
         frustum: &Frustum,
         counters: &mut Counters,
     ) {
-        let blocks = world.blocks();
-        let places = blocks.places(blocks.slot(world.moved_object(moved)));
+        let object = world.moved_object(moved);
+        let first = world.first_piece(object);
         let pieces = &mut self.pieces;
         let mut take = |piece: usize| {
-            if world.is_shown(blocks.ids[places.start + piece]) {
+            if world.is_shown(first + piece as u32) {
                 pieces.push(MovedPiece { view: view as u32, mover: moved as u32 | UNNUMBERED, piece: piece as u32 });
             }
         };
         if is_inside {
-            (0..places.len()).for_each(take);
+            let blocks = world.blocks();
+            (0..blocks.places(blocks.slot(object)).len()).for_each(take);
         } else {
             world.across(Body::Moved(moved), frustum, counters, &mut take);
         }

@@ -62,7 +62,6 @@ struct Asked {
 struct Processor {
     found: Found,
     gathered: Gathered,
-    sorting: sort::Scratch,
 }
 
 /// Selects; holds working memory from one call to the next, and the last answer.
@@ -211,6 +210,22 @@ impl Selector {
         self.crossbar.looked().collect()
     }
 
+    /// The groups of more than one object of the view that was planned last.
+    #[cfg(test)]
+    pub(super) fn last_groups<W: World>(&self, world: &W) -> Vec<Vec<u32>> {
+        let slots = world.blocks().count();
+        let object = |node: u32| match (node as usize).checked_sub(slots) {
+            None => world.blocks().object(node as usize),
+            Some(mover) => world.moved_object(self.moving.movers[mover].moved as usize),
+        };
+        let sorted = |group: Vec<u32>| {
+            let mut group: Vec<u32> = group.into_iter().map(object).collect();
+            group.sort_unstable();
+            group
+        };
+        self.plan.last_groups().map(sorted).collect()
+    }
+
     /// Bytes that are kept for the objects of a database, beside the database.
     pub fn bytes(&self) -> usize {
         let masks = (self.moved.capacity() + self.conditional.capacity()) * size_of::<Objects>();
@@ -241,14 +256,17 @@ impl Selector {
             self.gather(world, sight);
         }
         let gathered = Instant::now();
-        self.sort(world, sight.lists.get() * sight.views.len(), !at_rest_is_old, sight.lists.get());
+        self.sort_moved(world, sight.lists.get() * sight.views.len(), sight.lists.get());
         let sorted = Instant::now();
         self.merge(world, sight);
+        // Sorting goes on while gathering, in each processor.
+        let sorting = self.processors.iter().map(|processor| processor.gathered.sorting).max().unwrap_or_default();
+        let sorting = if at_rest_is_old { Duration::ZERO } else { sorting.min(gathered - marked) };
         self.times = StageTimes {
             walk: walked - started,
             mark: marked - walked,
-            gather: gathered - marked,
-            sort: sorted - gathered,
+            gather: (gathered - marked) - sorting,
+            sort: (sorted - gathered) + sorting,
             merge: sorted.elapsed(),
         };
         true
@@ -419,9 +437,11 @@ impl Selector {
                 let list =
                     plan.map_or(0, |plan| plan.list_of_slot(view as usize, slot, blocks.ball(slot), eyepoint, steps));
                 let step = steps.of(power(eyepoint.apex, blocks.piece_ball(slot, place)));
-                gathered.lists[view as usize * lists + list].push(entry(step, blocks.ids[place]));
+                gathered.lists[view as usize * lists + list].push(entry(step, blocks.id(slot, place)));
             }
         }
+        let powers = Powers { world, eyepoints: &self.eyepoints };
+        let power = |view: usize, id: u32| powers.of(view, id);
         for ((eyepoint, &steps), stretch) in self.eyepoints.iter().zip(&self.steps).zip(&self.stretches) {
             let seen = &self.blocks[stretch.clone()];
             let next = AtomicUsize::new(0);
@@ -430,14 +450,35 @@ impl Selector {
                     let from = next.fetch_add(BLOCKS_AT_A_TIME, Ordering::Relaxed);
                     let Some(rest) = seen.get(from..).filter(|rest| !rest.is_empty()) else { break };
                     let part = &rest[..rest.len().min(BLOCKS_AT_A_TIME)];
-                    gather.blocks(&mut processor.gathered, eyepoint, steps, part);
+                    gather.blocks(&mut processor.gathered, eyepoint, steps, part, &power);
                 }
             });
         }
+        let outputs = lists * sight.views.len();
+        each(&mut self.pool, &mut self.processors, |processor| processor.gathered.finish(outputs, lists, power));
+        self.make_room(outputs);
     }
 
-    /// Sorts what each processor gathered, if it is new, and what moved.
-    fn sort<W: World>(&mut self, world: &W, outputs: usize, is_new: bool, lists: usize) {
+    /// Gives every processor the room that all of them needed together: who does what is different the next time, and then nobody is to ask for memory.
+    fn make_room(&mut self, outputs: usize) {
+        if self.processors.len() == 1 {
+            return;
+        }
+        let sum = |count: &dyn Fn(&Processor) -> usize| self.processors.iter().map(count).sum::<usize>();
+        let (blocks, pieces) = (self.blocks.len(), sum(&|processor| processor.found.pieces.len()));
+        let steps = self.processors.iter().map(|processor| processor.gathered.steps_room()).max().unwrap_or(0);
+        self.processors.iter_mut().for_each(|processor| {
+            processor.found.make_room(blocks, pieces);
+            processor.gathered.make_room_for_steps(steps);
+        });
+        for output in 0..outputs {
+            let entries = self.processors.iter().map(|processor| processor.gathered.lists[output].sorted.len()).sum();
+            self.processors.iter_mut().for_each(|processor| processor.gathered.make_room(output, entries));
+        }
+    }
+
+    /// Sorts what moved.
+    fn sort_moved<W: World>(&mut self, world: &W, outputs: usize, lists: usize) {
         self.moved_lists.resize_with(outputs.max(self.moved_lists.len()), Vec::new);
         self.moved_lists.iter_mut().for_each(Vec::clear);
         let powers = Powers { world, eyepoints: &self.eyepoints };
@@ -447,19 +488,12 @@ impl Selector {
             let moved = mover.moved as usize;
             let step =
                 self.steps[at].of(power(self.eyepoints[at].apex, world.moved_piece_ball(moved, piece.piece as usize)));
-            let id = world.blocks().ids[world.blocks().places(mover.slot as usize).start] + piece.piece;
+            let id = world.first_piece(world.moved_object(moved)) + piece.piece;
             let list = if lists > 1 { usize::from(self.plan.movers[view][piece.mover as usize]) } else { 0 };
             self.moved_lists[view * lists + list].push(entry(step, id));
         }
         for (output, list) in self.moved_lists[..outputs].iter_mut().enumerate() {
             sort::sort(list, &mut self.sorting, |id| powers.of(output / lists, id));
-        }
-        if is_new {
-            each(&mut self.pool, &mut self.processors, |Processor { gathered, sorting, .. }| {
-                for (output, list) in gathered.lists[..outputs].iter_mut().enumerate() {
-                    sort::sort(list, sorting, |id| powers.of(output / lists, id));
-                }
-            });
         }
     }
 
@@ -479,7 +513,7 @@ impl Selector {
                 let output = view * lists + list;
                 let mut runs: [&[Entry]; PROCESSORS_MAX.get() + 1] = [&[]; PROCESSORS_MAX.get() + 1];
                 let mut count = 0;
-                let gathered = self.processors.iter().map(|processor| &processor.gathered.lists[output]);
+                let gathered = self.processors.iter().map(|processor| &processor.gathered.lists[output].sorted);
                 for run in gathered.chain([&self.moved_lists[output]]).filter(|run| !run.is_empty()) {
                     runs[count] = run;
                     count += 1;
@@ -491,7 +525,7 @@ impl Selector {
             let counters = &mut found.counters;
             counters.objects_culled = all.count() as u64 - counters.objects_visible;
             counters.subobjects_visible = found.subobjects.len() as u64;
-            counters.subobjects_culled = all.ids.len() as u64 - counters.subobjects_visible;
+            counters.subobjects_culled = all.piece_count() as u64 - counters.subobjects_visible;
         }
     }
 }
@@ -532,11 +566,10 @@ impl<W: World> Powers<'_, W> {
         let blocks = self.world.blocks();
         let object = blocks.object_of(id);
         let slot = blocks.slot(object);
-        let places = blocks.places(slot);
-        let piece = (id - blocks.ids[places.start]) as usize;
+        let piece = (id - self.world.first_piece(object)) as usize;
         let ball = match self.world.moved_number(object) {
             Some(moved) => self.world.moved_piece_ball(moved, piece),
-            None => blocks.piece_ball(slot, places.start + piece),
+            None => blocks.piece_ball(slot, blocks.places(slot).start + piece),
         };
         ordered(power(self.eyepoints[self.eyepoint_of(view)].apex, ball))
     }

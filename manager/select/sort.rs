@@ -10,6 +10,7 @@
 //! come from: blocks are visited nearest first, so at any time reads and writes go to a narrow window of the list, which stays in the cache. A radix sort
 //! of three passes moved every entry three times through memory.
 
+use super::walk::room;
 use glam::DVec3;
 use proto::ids::SubobjectId;
 use proto::scene::Sphere;
@@ -21,6 +22,11 @@ pub(super) type Entry = u64;
 pub(super) fn ordered(key: f64) -> u64 {
     let bits = key.to_bits();
     if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
+}
+
+/// The number of such bits.
+pub(super) fn unordered(bits: u64) -> f64 {
+    f64::from_bits(if bits >> 63 == 1 { bits & !(1 << 63) } else { !bits })
 }
 
 /// Between which powers something lies.
@@ -118,6 +124,21 @@ pub(super) struct Scratch {
     ties: Vec<(u64, u32)>,
 }
 
+impl Scratch {
+    /// Room to sort so many entries.
+    pub(super) fn make_room(&mut self, entries: usize) {
+        room(&mut self.spare, entries);
+        if entries >= BUCKETS_FROM {
+            room(&mut self.counts, 2 << bucket_bits(entries));
+        }
+    }
+}
+
+fn bucket_bits(entries: usize) -> u32 {
+    // One to two buckets for an entry: most are alone in theirs.
+    (entries.ilog2() + 1).min(BUCKET_BITS_MAX)
+}
+
 /// Sorts by power, then id; `power` gives the ordered bits of an id's power.
 pub(super) fn sort(list: &mut Vec<Entry>, scratch: &mut Scratch, power: impl Fn(u32) -> u64) {
     if list.len() < BUCKETS_FROM {
@@ -131,9 +152,7 @@ pub(super) fn sort(list: &mut Vec<Entry>, scratch: &mut Scratch, power: impl Fn(
 fn by_buckets(list: &mut Vec<Entry>, Scratch { spare, counts, .. }: &mut Scratch) {
     let (least, most) = list.iter().fold((Entry::MAX, 0), |(least, most), &entry| (least.min(entry), most.max(entry)));
     let (least, range) = (step(least), step(most) - step(least));
-    // One to two buckets for an entry: most are alone in theirs.
-    let bits = (list.len().ilog2() + 1).min(BUCKET_BITS_MAX);
-    let shift = (32 - range.leading_zeros()).saturating_sub(bits);
+    let shift = (32 - range.leading_zeros()).saturating_sub(bucket_bits(list.len()));
     let bucket = |entry: Entry| ((step(entry) - least) >> shift) as usize;
     counts.clear();
     counts.resize((range >> shift) as usize + 1, 0);
@@ -200,6 +219,7 @@ mod tests {
     fn bits_order_like_numbers() {
         let numbers = [f64::NEG_INFINITY, -1e300, -1.0, -1e-300, 0.0, 1e-300, 1.0, 2.0, 1e300, f64::INFINITY];
         assert!(numbers.map(ordered).is_sorted());
+        assert_eq!(numbers.map(|number| unordered(ordered(number))), numbers);
     }
 
     #[test]

@@ -10,10 +10,10 @@
 //! known which list they are in, once: a merge of hundreds of lists with a heap takes several times as long as sorting what is in them by buckets.
 
 use super::cost::{CostModel, covered};
-use super::eyepoint::{Eyepoint, Near, Objects, bits};
+use super::eyepoint::{Eyepoint, Near, Objects, Views, bits};
 use super::groups::Groups;
 use super::overlap::{Mover, Overlaps};
-use super::sort::Steps;
+use super::sort::{Steps, unordered};
 use super::walk::{Flags, SeenBlock};
 use crate::scene::blocks::{BLOCK, Blocks};
 use fearless_simd::{Level, Simd, dispatch};
@@ -224,27 +224,54 @@ impl Plan {
         own.sort_unstable();
     }
 
-    /// Calls `copy` with each list and those of a block's `objects` that are in it. `near` holds the block.
+    /// The first and the last list of what stands alone in a block.
+    fn between(&self, view: usize, steps: Steps, seen: &SeenBlock) -> [u16; 2] {
+        // A little more than the block's range: rounding may have put an object beyond it.
+        let [nearest, farthest] = [seen.nearest, seen.farthest].map(unordered);
+        let margin = (nearest.abs() + farthest.abs()) * 1e-9;
+        let of = |power: f64| self.tables[view * BINS + (steps.of(power) >> (32 - BIN_BITS)) as usize];
+        [of(nearest - margin), of(farthest + margin)]
+    }
+
+    /// Whether, for each of these views, all of a block that stands alone is in one list: then [`Self::split`] doesn't look where it is.
+    pub(super) fn is_in_one_list(&self, views: Views, steps: Steps, seen: &SeenBlock) -> bool {
+        bits(views).all(|view| {
+            let [first, last] = self.between(view, steps, seen);
+            first == last
+        })
+    }
+
+    /// Calls `copy` with each list and those of a block's `objects` that are in it. `near` holds the block, unless it is in one list.
     pub(super) fn split(
         &self,
         view: usize,
-        block: usize,
+        seen: &SeenBlock,
         objects: Objects,
         near: &Near,
         steps: Steps,
         mut copy: impl FnMut(usize, Objects),
     ) {
-        let table = &self.tables[view * BINS..(view + 1) * BINS];
+        let (table, block) = (&self.tables[view * BINS..(view + 1) * BINS], seen.block as usize);
         let grouped = self.grouped[view * self.blocks + block] & objects;
-        let mut lists = [0u16; BLOCK];
-        for k in bits(objects & !grouped) {
-            lists[k] = table[bin(steps, near.squared[k], near.radius[k])];
+        let [first, last] = self.between(view, steps, seen);
+        let mut lists = [first; BLOCK];
+        if first != last {
+            for k in bits(objects & !grouped) {
+                lists[k] = table[bin(steps, near.squared[k], near.radius[k])];
+            }
         }
         let of_groups = &self.lists_of[view];
         for k in bits(grouped) {
             lists[k] = self.list_of(of_groups, (block * BLOCK + k) as u32);
         }
         let mut left = objects;
+        if first == last {
+            let same = bits(grouped).filter(|&k| lists[k] == first).fold(objects & !grouped, |mask, k| mask | 1 << k);
+            if same != 0 {
+                copy(usize::from(first), same);
+            }
+            left &= !same;
+        }
         while left != 0 {
             let list = lists[left.trailing_zeros() as usize];
             let same = bits(left).filter(|&k| lists[k] == list).fold(0, |mask, k| mask | 1 << k);
@@ -272,6 +299,12 @@ impl Plan {
     fn list_of(&self, of_groups: &[(u32, u16)], slot: u32) -> u16 {
         let at = of_groups.partition_point(|&(other, _)| other < slot);
         of_groups[at].1
+    }
+
+    /// The groups of the view that was planned last, of nodes.
+    #[cfg(test)]
+    pub(super) fn last_groups(&self) -> impl Iterator<Item = Vec<u32>> {
+        self.groups.iter().map(Iterator::collect)
     }
 
     /// Bytes that are kept from frame to frame.

@@ -46,6 +46,8 @@ impl Node {
 pub(super) struct SeenBlock {
     /// The least power that anything in it can have, as ordered bits.
     pub(super) nearest: u64,
+    /// The greatest.
+    pub(super) farthest: u64,
     pub(super) block: u32,
 }
 
@@ -71,7 +73,20 @@ pub(super) struct Found {
     leaves: Vec<Node>,
 }
 
+/// Room for so many elements altogether.
+pub(super) fn room<T>(list: &mut Vec<T>, count: usize) {
+    list.reserve_exact(count.saturating_sub(list.len()));
+}
+
 impl Found {
+    /// Room for so many blocks and pieces.
+    pub(super) fn make_room(&mut self, blocks: usize, pieces: usize) {
+        room(&mut self.blocks, blocks);
+        room(&mut self.pieces, pieces);
+        room(&mut self.nodes, WHOLE_OBJECTS);
+        room(&mut self.leaves, WHOLE_OBJECTS);
+    }
+
     pub(super) fn clear(&mut self, views: usize) {
         self.blocks.clear();
         self.pieces.clear();
@@ -231,6 +246,9 @@ impl<W: World> Walk<'_, W> {
         let mut large = u64::MAX;
         if node.across != 0 || (self.reach.is_some() && !node.large) {
             found.near.load(self.level, blocks, block, self.apex);
+            if let Some(first) = bits(node.across | node.inside).next() {
+                found.counters[first].objects_measured += branch.range().len() as u64;
+            }
         }
         if let Some(reach) = self.reach.filter(|_| !node.large) {
             large = found.near.large(self.level, reach);
@@ -262,7 +280,8 @@ impl<W: World> Walk<'_, W> {
         if any != 0 {
             let range = PowerRange::of(branch.ball, self.apex);
             found.range = found.range.and(range);
-            found.blocks.push(SeenBlock { nearest: ordered(range.least), block: block as u32 });
+            let [nearest, farthest] = [range.least, range.most].map(ordered);
+            found.blocks.push(SeenBlock { nearest, farthest, block: block as u32 });
         }
     }
 
@@ -270,11 +289,12 @@ impl<W: World> Walk<'_, W> {
     fn one_by_one(&self, found: &mut Found, view: usize, slot: usize, is_inside: bool) -> bool {
         let blocks = self.world.blocks();
         let places = blocks.places(slot);
+        let first = self.world.first_piece(blocks.object(slot));
         let Found { pieces, counters, .. } = found;
         let before = pieces.len();
         let mut take = |piece: usize| {
             let place = places.start + piece;
-            if self.world.is_shown(blocks.ids[place]) {
+            if self.world.is_shown(first + piece as u32) {
                 pieces.push(SeenPiece { view: view as u32, slot: slot as u32, place: place as u32 });
             }
         };

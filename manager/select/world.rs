@@ -33,7 +33,10 @@ pub trait World: Sync {
     /// The moved object of a number.
     fn moved_object(&self, moved: usize) -> u32;
 
-    /// Its ball, world.
+    /// The number of an object's first subobject.
+    fn first_piece(&self, object: u32) -> u32;
+
+    /// The ball of the moved object of a number, world.
     fn moved_ball(&self, moved: usize) -> Sphere;
 
     /// The ball of its subobject k, world.
@@ -102,6 +105,10 @@ impl World for Placed<'_> {
 
     fn moved_object(&self, moved: usize) -> u32 {
         self.entities.objects()[moved].object.0
+    }
+
+    fn first_piece(&self, object: u32) -> u32 {
+        self.scene.objects[object as usize].first_subobject.0
     }
 
     fn moved_ball(&self, moved: usize) -> Sphere {

@@ -55,6 +55,11 @@ impl Layout {
         Self { count, row: ((count as f64).sqrt().ceil() as usize).next_multiple_of(2) }
     }
 
+    /// Ground to an object, m².
+    pub(crate) fn area_each(&self) -> f64 {
+        SPACING * SPACING
+    }
+
     fn radius(object: usize) -> f64 {
         2.0 + 10.0 * part(object, 1)
     }
@@ -188,6 +193,20 @@ impl Field {
         Pose { position: DVec3::new(3.0, HEIGHT, (-along).clamp(-reach, reach)), orientation: DQuat::IDENTITY }
     }
 
+    /// Objects that some view sees in some frame of a flight, by number.
+    pub(super) fn in_reach(&self, setup: &super::run::Setup) -> Vec<u32> {
+        let views = views();
+        let ends: Vec<_> = [0, setup.frames]
+            .into_iter()
+            .flat_map(|frame| super::check::visible(self, &setup.sight(self, frame, &views)))
+            .flatten()
+            .collect();
+        let mut seen = ends;
+        seen.sort_unstable();
+        seen.dedup();
+        seen
+    }
+
     /// The ball of an object now.
     pub(crate) fn ball(&self, object: u32) -> Sphere {
         match self.moved_number(object) {
@@ -226,6 +245,9 @@ impl World for Field {
     }
     fn moved_object(&self, moved: usize) -> u32 {
         self.movers[moved].object
+    }
+    fn first_piece(&self, object: u32) -> u32 {
+        object * PIECES
     }
     fn moved_ball(&self, moved: usize) -> Sphere {
         self.movers[moved].ball
