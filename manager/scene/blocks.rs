@@ -134,9 +134,10 @@ impl Grid {
             (low.min(ball.centre), high.max(ball.centre))
         });
         let origin = low + (high - low) * 0.5;
-        let reach = balls.fold(f64::MIN_POSITIVE, |reach, ball| {
-            reach.max((ball.centre - origin).abs().max_element()).max(ball.radius)
-        });
+        // What rounding costs at the origin's distance must be a small number on the grid, even if all there is is a point.
+        let least = (origin.abs().max_element() * f64::from(f32::EPSILON) * f64::from(f32::EPSILON)).max(1e-300);
+        let reach =
+            balls.fold(least, |reach, ball| reach.max((ball.centre - origin).abs().max_element()).max(ball.radius));
         // The next power of two: one more in the exponent, nothing in the mantissa.
         Self { origin, unit: f64::from_bits(((reach.to_bits() >> 52) + 1) << 52) }
     }

@@ -193,20 +193,6 @@ impl Field {
         Pose { position: DVec3::new(3.0, HEIGHT, (-along).clamp(-reach, reach)), orientation: DQuat::IDENTITY }
     }
 
-    /// Objects that some view sees in some frame of a flight, by number.
-    pub(super) fn in_reach(&self, setup: &super::run::Setup) -> Vec<u32> {
-        let views = views();
-        let ends: Vec<_> = [0, setup.frames]
-            .into_iter()
-            .flat_map(|frame| super::check::visible(self, &setup.sight(self, frame, &views)))
-            .flatten()
-            .collect();
-        let mut seen = ends;
-        seen.sort_unstable();
-        seen.dedup();
-        seen
-    }
-
     /// The ball of an object now.
     pub(crate) fn ball(&self, object: u32) -> Sphere {
         match self.moved_number(object) {

@@ -68,7 +68,12 @@ fn tree(args: &ListsArgs, setup: &Setup, rows: &mut Vec<::bench::lists::Row>) ->
     let visibility = (2.0 * area / std::f64::consts::PI).sqrt();
     let setup = Setup { least_elements: None, visibility, ..*setup };
     let mut all = Field::new(args.tree_objects, Cut::Middle);
-    let seen = all.in_reach(&setup);
+    let views = field::views();
+    let ends = [0, setup.frames].into_iter();
+    let mut seen: Vec<u32> =
+        ends.flat_map(|frame| check::visible(&all, &setup.sight(&all, frame, &views))).flatten().collect();
+    seen.sort_unstable();
+    seen.dedup();
     rows.push(frames(&mut all, &setup, What::Tree, Change::Eye, NonZeroUsize::MIN)?);
     drop(all);
     let mut alone = Field::of(layout, &seen, Cut::Middle);
