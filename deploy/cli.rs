@@ -418,6 +418,8 @@ pub(crate) struct InspectArgs {
 pub(crate) enum BenchCommand {
     /// Time to draw scenes, and with --reference their error
     Pixels(Box<PixelsArgs>),
+    /// Time to select what views see, by the number of objects, and beside the plainest way
+    Lists(ListsArgs),
     /// A long flight: frame times from the median to the worst, and memory
     Flight(FlightArgs),
     /// What travels on a rig's links: list changes with a moving eye, and a still scene's bytes and processor time
@@ -485,6 +487,57 @@ pub(crate) struct PixelsArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama bench lists --objects 1000,10000 --no-tree\n  cyclorama bench lists --json\n  cyclorama bench lists --fit"
+)]
+pub(crate) struct ListsArgs {
+    /// Objects of the worlds; one block of rows for each
+    #[arg(long, default_value = "1000,10000,100000,1000000,10000000", value_delimiter = ',', value_name = "N", value_parser = objects)]
+    pub objects: Vec<usize>,
+    /// Object processors, each a thread; one row for each number, at most 64
+    #[arg(long, default_value = "1,2", value_delimiter = ',', value_name = "N")]
+    pub processors: Vec<NonZeroUsize>,
+    /// Lists that each view's work is mixed to
+    #[arg(long, default_value = "2", value_name = "N", value_parser = list_count)]
+    pub lists: NonZeroUsize,
+    /// Frames that are timed, at 150 m/s and 60 Hz
+    #[arg(long, default_value = "60", value_name = "N")]
+    pub frames: NonZeroU32,
+    /// Run the paper's plain algorithm beside it up to so many objects; its time goes with the square
+    #[arg(long, default_value = "10000", value_name = "N")]
+    pub plain_objects: usize,
+    /// Objects of the tree of which 1 % is in view
+    #[arg(long, default_value = "10000000", value_name = "N", value_parser = objects)]
+    pub tree_objects: usize,
+    /// Leave that tree out: it takes a minute to build, and 3 GB
+    #[arg(long)]
+    pub no_tree: bool,
+    /// Objects of the trees, balanced and lopsided, whose nodes are handed out in three ways
+    #[arg(long, default_value = "200000", value_name = "N", value_parser = objects)]
+    pub walk_objects: usize,
+    /// Draw the benchmark scenes instead, and fit the cost model to the times
+    #[arg(long)]
+    pub fit: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A number of objects that a scene may have.
+fn objects(text: &str) -> Result<usize, String> {
+    let most = proto::limits::OBJECTS_MAX;
+    let count: usize = text.parse().map_err(|error| format!("{error}"))?;
+    if (1..=most).contains(&count) { Ok(count) } else { Err(format!("from 1 to {most}")) }
+}
+
+/// A number of lists of a view: a board each.
+fn list_count(text: &str) -> Result<NonZeroUsize, String> {
+    let most = proto::limits::BOARDS_MAX;
+    let count: NonZeroUsize = text.parse().map_err(|error| format!("{error}"))?;
+    if count.get() <= most { Ok(count) } else { Err(format!("from 1 to {most}")) }
 }
 
 #[derive(Debug, Args)]

@@ -9,7 +9,7 @@ use channel::store::SceneStore;
 use glam::{DQuat, DVec3};
 use manager::host::camera::CameraPose;
 use manager::scene::{Entities, Scene};
-use manager::select::{Detail, DetailMode, LevelTable, Selection, Selector, detail};
+use manager::select::{Detail, DetailMode, LevelTable, Selection, Selector, Sight, detail};
 use proto::frame::{FrameState, Moved, VersionWeights};
 use proto::ids::{Epoch, FrameNumber};
 use proto::share::Part;
@@ -26,7 +26,6 @@ pub(crate) struct InProcess<'a> {
     detail: Detail,
     weights: Vec<VersionWeights>,
     selector: Selector,
-    pub selection: Selection,
     /// Time of the last selection, ms.
     pub select_ms: f64,
 }
@@ -47,9 +46,9 @@ impl<'a> InProcess<'a> {
         }
         store.set_table(scene.table.clone()).map_err(said)?;
         let renderer = Renderer::new(threads).map_err(said)?;
-        let (selector, selection) = (Selector::new(), Selection::default());
+        let selector = Selector::new();
         let detail = Detail::new(scene, detail, LevelTable::default());
-        Ok(Self { scene, store, renderer, detail, weights: Vec::new(), selector, selection, select_ms: 0.0 })
+        Ok(Self { scene, store, renderer, detail, weights: Vec::new(), selector, select_ms: 0.0 })
     }
 
     /// Its renderer, to set options of.
@@ -69,9 +68,18 @@ impl<'a> InProcess<'a> {
         let (factor, eye) = (detail::display_factor([view]), state.eye.position);
         self.detail.select(self.scene, &entities, &given, eye, factor, visibility, &mut self.weights);
         self.store.set_weights(&self.weights).map_err(said)?;
-        self.selector.select(self.scene, &entities, &self.weights, state.eye, view, visibility, &mut self.selection);
+        let sight = Sight::whole(state.eye, std::slice::from_ref(view), visibility);
+        self.selector.select(self.scene, &entities, &self.weights, &sight);
         self.select_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(())
+    }
+
+    /// What the view sees.
+    ///
+    /// # Panics
+    /// If nothing was selected yet.
+    pub(crate) fn selection(&self) -> &Selection {
+        &self.selector.found()[0]
     }
 
     /// Draws a part of what was selected.
@@ -82,7 +90,8 @@ impl<'a> InProcess<'a> {
         part: &Part,
         out: &mut TilePictures,
     ) -> Result<DrawStats, CommandError> {
-        self.renderer.draw(&self.store, state, view, &self.selection.subobjects, part, out).map_err(said)
+        let list = &self.selector.found()[0].subobjects;
+        self.renderer.draw(&self.store, state, view, list, part, out).map_err(said)
     }
 }
 

@@ -35,6 +35,7 @@ fn main() -> ExitCode {
         Command::Scene(args) => source::write_scene(&args),
         Command::Check(args) => check::run(&args),
         Command::Bench(BenchCommand::Pixels(args)) => bench::pixels(&args),
+        Command::Bench(BenchCommand::Lists(args)) => bench::lists(&args),
         Command::Bench(BenchCommand::Flight(args)) => bench::flight(&args),
         Command::Bench(BenchCommand::Wire(args)) => bench::wire(&args),
         Command::Bench(BenchCommand::Open(args)) => bench::open(&args),

@@ -100,7 +100,7 @@ fn draw(
         return Err(CommandError::said("the shares don't make a whole picture; please report this"));
     }
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
-    Ok(Drawn { stitcher, stats, selected: drawer.selection.counters, select_ms: drawer.select_ms, total_ms })
+    Ok(Drawn { stitcher, stats, selected: drawer.selection().counters, select_ms: drawer.select_ms, total_ms })
 }
 
 fn tile_payload(pictures: &TilePictures, format: PixelFormat) -> Bytes {

@@ -81,7 +81,7 @@ impl Entrant {
                 let (ms, stats) = field.draw_ours(drawer, pose, samples)?;
                 self.times.push(ms);
                 self.draws.push((stats, field.drawers[drawer].select_ms));
-                self.culled += field.drawers[drawer].selection.counters.subobjects_culled;
+                self.culled += field.drawers[drawer].selection().counters.subobjects_culled;
             }
             How::Peer { samples } => {
                 field.draw_peer(before, samples)?;

@@ -1,13 +1,14 @@
 //! `cyclorama bench`: figures, as ratios in one run where that is possible, each answer checked before its time counts.
 //!
 //! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
-//! those that draw in it, turn by turn, `flight` draws one path for long, `open` opens scenes, `instructions` counts
+//! those that draw in it, turn by turn, `flight` draws one path for long, `lists` selects from made-up worlds, `open` opens scenes, `instructions` counts
 //! what times can't tell on a busy machine, `truth` says how far their pictures are from the reference, `peer` is the process
 //! that llvmpipe draws in; `wire` flies real rigs and counts what travels.
 
 mod entrant;
 mod flight;
 mod instructions;
+mod lists;
 mod open;
 mod peer;
 mod pixels;
@@ -15,6 +16,7 @@ mod truth;
 mod wire;
 
 pub(crate) use flight::flight;
+pub(crate) use lists::lists;
 pub(crate) use open::open;
 pub(crate) use peer::peer;
 pub(crate) use pixels::pixels;

@@ -7,7 +7,7 @@ use super::changes::Book;
 use super::lists::Lists;
 use super::residency::{Available, Catalogue, foresight, substitute};
 use crate::scene::{Entities, NodeIndex, Scene};
-use crate::select::{Counters, Detail, DetailMode, LevelTable, Selection, Selector, detail};
+use crate::select::{Counters, Detail, DetailMode, LevelTable, Selector, Sight, detail};
 use proto::frame::{Environment, Moved, VersionWeights};
 use proto::ids::{ModelId, SubobjectId};
 use proto::pose::{EntityRef, PosePacket, name_hash};
@@ -75,7 +75,12 @@ pub(crate) struct Director {
     models: BTreeMap<u64, (ModelId, u32)>,
     detail: Detail,
     selector: Selector,
-    selection: Selection,
+    /// Asks what else than now and here: other versions, other places. Apart, so that the first has its last answer again.
+    elsewhere: Selector,
+    /// Those of the stage, as selection takes them.
+    views: Vec<View>,
+    /// A list in the making.
+    list: Vec<SubobjectId>,
     /// The views' lists if every board held everything.
     wanted: Vec<Vec<SubobjectId>>,
     /// Likewise how models are mixed, by the host or by detail; those that aren't named show their finest version.
@@ -115,7 +120,9 @@ impl Director {
             models,
             detail,
             selector: Selector::new(),
-            selection: Selection::default(),
+            elsewhere: Selector::new(),
+            views: Vec::new(),
+            list: Vec::new(),
             wanted: Vec::new(),
             weights: Vec::new(),
             is_stale: true,
@@ -195,23 +202,16 @@ impl Director {
         let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
         let (given, out) = (&self.given, &mut self.weights);
         self.detail.select(scene, &self.entities, given, eye.position, factor, environment.visibility_m, out);
-        self.wanted.resize(views.len(), Vec::new());
-        let mut counts = Vec::with_capacity(views.len());
-        let weights = std::mem::take(&mut self.weights);
-        for view in 0..self.wanted.len() {
-            self.select_view(view, &weights);
-            counts.push(self.selection.counters);
-            std::mem::swap(&mut self.wanted[view], &mut self.selection.subobjects);
+        self.views.clear();
+        self.views.extend(views.iter().map(|setup| setup.view));
+        self.wanted.resize(self.views.len(), Vec::new());
+        let sight = Sight::whole(*eye, &self.views, environment.visibility_m);
+        self.selector.select(scene, &self.entities, &self.weights, &sight);
+        let found = self.selector.found();
+        for (wanted, selection) in self.wanted.iter_mut().zip(found) {
+            wanted.clone_from(&selection.subobjects);
         }
-        self.weights = weights;
-        Some(counts)
-    }
-
-    /// Selects for one view, into `selection`.
-    fn select_view(&mut self, view: usize, weights: &[VersionWeights]) {
-        let Stage { scene, views, environment, eye, .. } = &self.stage;
-        let (entities, visibility, out) = (&self.entities, environment.visibility_m, &mut self.selection);
-        self.selector.select(scene, entities, weights, *eye, &views[view].view, visibility, out);
+        Some(found.iter().map(|selection| selection.counters).collect())
     }
 
     /// What a view should show.
@@ -237,14 +237,16 @@ impl Director {
             }
             None => self.weights.clone(),
         };
+        let has_others = self.substituted.models > 0;
+        if has_others {
+            // Other versions are seen elsewhere.
+            let Stage { scene, environment, eye, .. } = &self.stage;
+            let sight = Sight::whole(*eye, &self.views, environment.visibility_m);
+            self.elsewhere.select(scene, &self.entities, &weights, &sight);
+        }
         for view in 0..self.wanted.len() {
-            if self.substituted.models > 0 {
-                // Other versions are seen elsewhere.
-                self.select_view(view, &weights);
-            } else {
-                self.selection.subobjects.clone_from(&self.wanted[view]);
-            }
-            let list = &mut self.selection.subobjects;
+            let list = &mut self.list;
+            list.clone_from(if has_others { &self.elsewhere.found()[view].subobjects } else { &self.wanted[view] });
             if !available.is_all() {
                 self.substituted.omitted += substitute::omit(catalogue, view, list, available);
             }
@@ -265,10 +267,12 @@ impl Director {
         let Stage { scene, views, environment, .. } = &self.stage;
         let Some(setup) = views.get(view) else { return &[] };
         let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
-        let (entities, visibility, out) = (&self.entities, environment.visibility_m, &mut self.selection);
+        let (entities, visibility) = (&self.entities, environment.visibility_m);
         let mut weights = Vec::new();
         self.detail.select(scene, entities, &self.given, eye.position, factor, visibility, &mut weights);
-        self.selector.select(scene, entities, &weights, eye, &foresight::widened(&setup.view), visibility, out);
-        &self.selection.subobjects
+        let view = foresight::widened(&setup.view);
+        let sight = Sight::whole(eye, std::slice::from_ref(&view), visibility);
+        self.elsewhere.select(scene, entities, &weights, &sight);
+        &self.elsewhere.found()[0].subobjects
     }
 }

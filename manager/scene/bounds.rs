@@ -9,6 +9,7 @@
 
 use glam::{DAffine3, DVec3};
 use proto::scene::{Box3, Sphere};
+use std::borrow::Borrow;
 
 /// The ball round nothing.
 pub const NOTHING: Sphere = Sphere { centre: DVec3::ZERO, radius: -1.0 };
@@ -47,8 +48,8 @@ pub fn ball_of_points(points: &[DVec3]) -> Sphere {
 }
 
 /// A ball round all of `balls`, centred in their common box; [`NOTHING`] when all are empty.
-pub fn ball_of_balls<'a>(balls: impl Iterator<Item = &'a Sphere> + Clone) -> Sphere {
-    let filled = balls.filter(|ball| ball.radius >= 0.0);
+pub fn ball_of_balls<B: Borrow<Sphere>>(balls: impl Iterator<Item = B> + Clone) -> Sphere {
+    let filled = balls.map(|ball| *ball.borrow()).filter(|ball| ball.radius >= 0.0);
     let mut around: Option<Box3> = None;
     let mut count = 0;
     let mut only = NOTHING;
@@ -57,7 +58,7 @@ pub fn ball_of_balls<'a>(balls: impl Iterator<Item = &'a Sphere> + Clone) -> Sph
         let own = Box3 { min: ball.centre - reach, max: ball.centre + reach };
         around = Some(around.map_or(own, |sum| box_union(sum, own)));
         count += 1;
-        only = *ball;
+        only = ball;
     }
     let Some(around) = around else { return NOTHING };
     if count == 1 {
@@ -149,7 +150,7 @@ mod tests {
     fn one_point_has_a_ball_of_radius_nought_and_no_point_has_none() {
         assert_eq!(ball_of_points(&[DVec3::ONE]), Sphere { centre: DVec3::ONE, radius: 0.0 });
         assert_eq!(ball_of_points(&[]), NOTHING);
-        assert_eq!(ball_of_balls([].iter()), NOTHING);
+        assert_eq!(ball_of_balls([].iter() as std::slice::Iter<'_, Sphere>), NOTHING);
     }
 
     #[test]

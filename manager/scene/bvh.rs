@@ -10,12 +10,16 @@
 //! inside a frustum gives all of its items without another test.
 
 use super::bounds;
+use glam::DVec3;
 use proto::scene::Sphere;
 use std::ops::Range;
 
 /// Largest number of items that are tested one by one rather than in a branch of their own. A guess: a branch's test
 /// costs about as much as an item's.
 const LEAF_ITEMS: usize = 4;
+
+/// Subtrees of fewer items are grown by one thread.
+const FORK_FROM: usize = 8192;
 
 /// A branch of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,14 +58,8 @@ pub struct Bvh {
 impl Bvh {
     /// The tree over all of `balls` that enclose something. Order n log² n.
     pub fn build(balls: &[Sphere]) -> Self {
-        let mut tree = Self {
-            branches: Vec::new(),
-            items: (0..balls.len() as u32).filter(|&i| balls[i as usize].radius >= 0.0).collect(),
-        };
-        if !tree.items.is_empty() {
-            tree.grow(balls, 0..tree.items.len());
-        }
-        tree
+        let items = (0..balls.len() as u32).filter(|&i| balls[i as usize].radius >= 0.0).collect();
+        Self::grown(items, Shape { leaf: LEAF_ITEMS, grain: 1, cut: Cut::Middle }, &|i| balls[i as usize])
     }
 
     /// The first branch that can't be one, and why: for trees that come from outside. In a tree without fault, every
@@ -94,34 +92,99 @@ impl Bvh {
         None
     }
 
-    // The recursion is as deep as log₂ of the number of items.
-    fn grow(&mut self, balls: &[Sphere], range: Range<usize>) {
-        let own = self.branches.len();
-        let ball = bounds::ball_of_balls(self.items[range.clone()].iter().map(|&i| &balls[i as usize]));
-        self.branches.push(Branch { ball, first: range.start as u32, end: range.end as u32, next: 0 });
-        if range.len() > LEAF_ITEMS {
-            let middle = range.start + range.len() / 2;
-            let axis = {
-                let centres = self.items[range.clone()].iter().map(|&i| balls[i as usize].centre);
-                longest_axis(centres)
-            };
-            self.items[range.clone()].select_nth_unstable_by(range.len() / 2, |&a, &b| {
-                let (x, y) = (balls[a as usize].centre[axis], balls[b as usize].centre[axis]);
-                x.total_cmp(&y).then(a.cmp(&b))
-            });
-            self.grow(balls, range.start..middle);
-            self.grow(balls, middle..range.end);
-        } else {
-            self.items[range].sort_unstable();
+    /// The tree over the balls 0 to `count` − 1, none of them empty, whose leaves are blocks: each has exactly `block` items, but for
+    /// the last one. Leaf k begins at item k · `block`, so that what is kept by item lies block by block.
+    pub fn in_blocks(count: usize, block: usize, cut: Cut, ball: &(impl Fn(u32) -> Sphere + Sync)) -> Self {
+        Self::grown((0..count as u32).collect(), Shape { leaf: block, grain: block, cut }, ball)
+    }
+
+    fn grown(mut items: Vec<u32>, shape: Shape, ball: &(impl Fn(u32) -> Sphere + Sync)) -> Self {
+        const NO_BRANCH: Branch = Branch { ball: bounds::NOTHING, first: 0, end: 0, next: 0 };
+        if items.is_empty() {
+            return Self::default();
         }
-        self.branches[own].next = self.branches.len() as u32;
+        let mut branches = vec![NO_BRANCH; shape.branches(items.len())];
+        shape.grow(&mut branches, &mut items, (0, 0), ball);
+        Self { branches, items }
+    }
+}
+
+/// Where a branch is cut in two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cut {
+    /// At the median: the depth is log₂ n.
+    #[default]
+    Middle,
+    /// An eighth to one side. Such trees come from modellers, not from here; what hands out their nodes is measured on them.
+    Eighth,
+}
+
+/// How a tree is cut.
+#[derive(Clone, Copy)]
+struct Shape {
+    /// Most items of a leaf.
+    leaf: usize,
+    /// Cuts are at multiples of it; `leaf` or a divisor of that.
+    grain: usize,
+    cut: Cut,
+}
+
+impl Shape {
+    /// Where `count` items are cut in two, if they are.
+    fn cut(self, count: usize) -> Option<usize> {
+        let part = match self.cut {
+            Cut::Middle => count / 2,
+            Cut::Eighth => (count / 8).max(1),
+        };
+        (count > self.leaf).then(|| part.next_multiple_of(self.grain))
+    }
+
+    /// Branches over so many items.
+    fn branches(self, count: usize) -> usize {
+        self.cut(count).map_or(1, |cut| 1 + self.branches(cut) + self.branches(count - cut))
+    }
+
+    /// Fills `branches` with the tree over `items`, which lie in the whole tree from `at_branch` and `at_item` on. The recursion is as deep
+    /// as the tree: log₂ n, or log n to the base of 8/7. Which thread grows what makes no difference.
+    fn grow(
+        self,
+        branches: &mut [Branch],
+        items: &mut [u32],
+        (at_branch, at_item): (usize, usize),
+        ball: &(impl Fn(u32) -> Sphere + Sync),
+    ) {
+        let balls = || items.iter().map(|&i| ball(i));
+        let (first, end) = (at_item as u32, (at_item + items.len()) as u32);
+        let next = (at_branch + branches.len()) as u32;
+        branches[0] = Branch { ball: bounds::ball_of_balls(balls()), first, end, next };
+        let Some(cut) = self.cut(items.len()) else {
+            items.sort_unstable();
+            return;
+        };
+        let axis = longest_axis(balls().map(|ball| ball.centre));
+        items.select_nth_unstable_by(cut, |&a, &b| {
+            let along = |i| -> f64 { ball(i).centre[axis] };
+            along(a).total_cmp(&along(b)).then(a.cmp(&b))
+        });
+        let fork = items.len() >= FORK_FROM;
+        let (low, high) = items.split_at_mut(cut);
+        let (below, above) = branches[1..].split_at_mut(self.branches(cut));
+        let at_high = (at_branch + 1 + below.len(), at_item + cut);
+        let mut grow_low = || self.grow(below, low, (at_branch + 1, at_item), ball);
+        let mut grow_high = || self.grow(above, high, at_high, ball);
+        if fork {
+            rayon::join(grow_low, grow_high);
+        } else {
+            grow_low();
+            grow_high();
+        }
     }
 }
 
 /// The axis along which `points` reach farthest; the first of several.
-pub(crate) fn longest_axis(points: impl Iterator<Item = glam::DVec3>) -> usize {
-    let mut low = glam::DVec3::INFINITY;
-    let mut high = glam::DVec3::NEG_INFINITY;
+pub(crate) fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
+    let mut low = DVec3::INFINITY;
+    let mut high = DVec3::NEG_INFINITY;
     for point in points {
         low = low.min(point);
         high = high.max(point);
@@ -139,7 +202,6 @@ pub(crate) fn longest_axis(points: impl Iterator<Item = glam::DVec3>) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use proptest::prelude::*;
 
     fn inside(outer: Sphere, inner: Sphere) -> bool {
@@ -167,6 +229,22 @@ mod tests {
             for (ball, seen) in balls.iter().zip(seen) {
                 prop_assert_eq!(seen, i32::from(ball.radius >= 0.0));
             }
+        }
+    }
+
+    #[test]
+    fn blocks_are_full_and_begin_at_multiples() {
+        let ball =
+            |i: u32| Sphere { centre: DVec3::new(f64::from(i * 7919 % 1000), f64::from(i % 31), 0.0), radius: 1.0 };
+        let counts = [1, 63, 64, 65, 1000, 20_000].into_iter();
+        for (count, cut) in counts.flat_map(|count| [(count, Cut::Middle), (count, Cut::Eighth)]) {
+            let tree = Bvh::in_blocks(count, 64, cut, &ball);
+            let leaves: Vec<_> = (0..).zip(&tree.branches).filter(|(i, branch)| branch.is_leaf(*i)).collect();
+            for (k, (_, leaf)) in leaves.iter().enumerate() {
+                assert_eq!(leaf.range(), k * 64..count.min((k + 1) * 64), "of {count}");
+                assert!(tree.items[leaf.range()].iter().all(|&i| inside(leaf.ball, ball(i))), "of {count}");
+            }
+            assert_eq!(leaves.len(), count.div_ceil(64));
         }
     }
 

@@ -7,8 +7,9 @@
 //! A *shape* is a mesh of the file after splitting: several objects may show one shape. Shapes keep what culling asks
 //! (bounds) and the name of the geometry; the geometry itself is in [`Scene::meshes`], by content.
 
+use super::blocks::{Blocks, Bodies, Content};
 use super::bounds;
-use super::bvh::Bvh;
+use super::bvh::{Bvh, Cut};
 use super::contents::Contents;
 use super::extras::{Extras, Traits};
 use super::models::{self, Model};
@@ -18,7 +19,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use proto::ids::{ContentId, ModelId, ObjectId, SubobjectId};
 use proto::limits;
 use proto::scene::{
-    Box3, LightRow, Material, Mesh, ModelPart, NO_PLANE, ObjectRow, PlaneRow, SceneTable, Sphere, SubobjectRow, Texture,
+    Alpha, Box3, LightRow, Material, Mesh, ModelPart, NO_PLANE, ObjectRow, PlaneRow, SceneTable, Sphere, SubobjectRow,
+    Texture,
 };
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -160,10 +162,8 @@ pub struct Scene {
     pub models: Vec<Model>,
     /// What boards are sent: where objects are, which subobjects they have, and the lights.
     pub table: SceneTable,
-    /// By [`SubobjectId`]: encloses it where the file puts it, world.
-    pub subobject_spheres: Vec<Sphere>,
-    /// Over [`Scene::objects`], where the file puts them.
-    pub tree: Bvh,
+    /// What selection walks: a tree over the balls of [`Scene::objects`] and those of their subobjects, where the file puts them.
+    pub blocks: Blocks,
     /// Encloses everything, world; negative radius for an empty scene.
     pub sphere: Sphere,
     /// Encloses everything, world; `None` for an empty scene.
@@ -185,8 +185,6 @@ pub(super) struct Known {
     pub meshes: Contents<Mesh>,
     /// By content.
     pub textures: Contents<Texture>,
-    /// Over the objects.
-    pub tree: Bvh,
     /// Named nodes, by name, then in order.
     pub names: Vec<NodeIndex>,
     /// Planes that faces share.
@@ -328,15 +326,17 @@ impl Scene {
         table.models = finder.rows();
         let model_names = finder.names(&nodes);
         close_subtrees(&mut nodes);
-        let spheres: Vec<Sphere> = objects.iter().map(|object| object.sphere).collect();
-        let (meshes, textures, tree, names) = match known {
+        let bodies =
+            Assembled { objects: &objects, shapes: &shapes, materials: &materials, spheres: &subobject_spheres };
+        let blocks = Blocks::build(&bodies, Cut::Middle);
+        let (meshes, textures, names) = match known {
             Some(known) => {
                 known.planes.enter(&mut table);
-                (known.meshes, known.textures, known.tree, known.names)
+                (known.meshes, known.textures, known.names)
             }
             None => {
                 planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);
-                (meshes.into(), textures.into(), Bvh::build(&spheres), by_name(&nodes))
+                (meshes.into(), textures.into(), by_name(&nodes))
             }
         };
         Ok(Self {
@@ -345,8 +345,8 @@ impl Scene {
                 .map(NodeIndex)
                 .filter(|node| nodes[node.0 as usize].parent.is_none())
                 .collect(),
-            tree,
-            sphere: bounds::ball_of_balls(spheres.iter()),
+            blocks,
+            sphere: bounds::ball_of_balls(objects.iter().map(|object| object.sphere)),
             nodes,
             objects,
             shapes,
@@ -356,7 +356,6 @@ impl Scene {
             model_names,
             models: finder.models,
             table,
-            subobject_spheres,
             bounds: bounds_all,
             warnings,
             names,
@@ -436,6 +435,52 @@ fn by_name(nodes: &[Node]) -> Vec<NodeIndex> {
     let mut names: Vec<NodeIndex> = (0..nodes.len() as u32).map(NodeIndex).filter(named).collect();
     names.sort_by(|a, b| nodes[a.0 as usize].name.cmp(&nodes[b.0 as usize].name).then(a.cmp(b)));
     names
+}
+
+/// What the database of balls is made from.
+struct Assembled<'a> {
+    objects: &'a [Object],
+    shapes: &'a [Shape],
+    materials: &'a [MaterialEntry],
+    /// By subobject.
+    spheres: &'a [Sphere],
+}
+
+impl Assembled<'_> {
+    fn shape(&self, object: u32) -> &Shape {
+        &self.shapes[self.objects[object as usize].shape.0 as usize]
+    }
+}
+
+impl Bodies for Assembled<'_> {
+    fn count(&self) -> usize {
+        self.objects.len()
+    }
+
+    fn ball(&self, object: u32) -> Sphere {
+        self.objects[object as usize].sphere
+    }
+
+    fn pieces(&self, object: u32) -> Range<u32> {
+        let first = self.objects[object as usize].first_subobject.0;
+        first..first + self.shape(object).pieces.len() as u32
+    }
+
+    fn piece_ball(&self, piece: u32) -> Sphere {
+        self.spheres[piece as usize]
+    }
+
+    fn content(&self, object: u32) -> Content {
+        self.shape(object).pieces.iter().fold(Content::default(), |sum, piece| {
+            let material = self.materials.get(piece.material as usize);
+            let is_translucent = material.is_some_and(|entry| entry.material.alpha == Alpha::Blend);
+            Content {
+                vertices: sum.vertices.saturating_add(piece.vertices),
+                triangles: sum.triangles.saturating_add(piece.triangles),
+                translucent: sum.translucent + u32::from(is_translucent),
+            }
+        })
+    }
 }
 
 /// A light where its node stands. Scale does not change what it gives, only a mirror where it points.

@@ -16,6 +16,7 @@ use proto::ids::ObjectId;
 use proto::scene::Sphere;
 use proto::view::Pose;
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Marks an object that is where the file puts it.
 const AT_REST: u32 = u32::MAX;
@@ -41,6 +42,16 @@ pub struct Entities {
     slots: Vec<u32>,
     /// World transformations of a subtree while it is being moved; `None`: at rest.
     scratch: Vec<Option<DAffine3>>,
+    /// See [`Self::revision`].
+    revision: u64,
+    /// See [`Self::set_revision`].
+    set_revision: u64,
+}
+
+/// A number that nothing else in this process has.
+fn unique() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 impl Entities {
@@ -51,7 +62,25 @@ impl Entities {
             objects: Vec::new(),
             slots: vec![AT_REST; scene.objects.len()],
             scratch: Vec::new(),
+            revision: unique(),
+            set_revision: unique(),
         }
+    }
+
+    /// Differs between any two states of entities that were made in this process, but for copies and states that are equal anyway.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Differs between any two states in which different objects have moved, or are in different places of [`Self::objects`].
+    pub fn set_revision(&self) -> u64 {
+        self.set_revision
+    }
+
+    /// The place in [`Self::objects`] of an object that isn't where the file puts it.
+    pub fn moved_number(&self, object: ObjectId) -> Option<usize> {
+        let slot = self.slots[object.0 as usize];
+        (slot != AT_REST).then_some(slot as usize)
     }
 
     /// Puts `node` and all below it at `pose`. Cost: the nodes of the subtree.
@@ -71,6 +100,7 @@ impl Entities {
     /// Everything at rest again.
     pub fn clear(&mut self) {
         self.poses.clear();
+        (self.revision, self.set_revision) = (unique(), unique());
         for moved in self.objects.drain(..) {
             self.slots[moved.object.0 as usize] = AT_REST;
         }
@@ -126,6 +156,7 @@ impl Entities {
 
     /// Brings the objects of a subtree to where poses now put them.
     fn place(&mut self, scene: &Scene, root: NodeIndex) {
+        self.revision = unique();
         let mut worlds = std::mem::take(&mut self.scratch);
         worlds.clear();
         for index in root.0..scene.node(root).end {
@@ -154,6 +185,7 @@ impl Entities {
         if *slot == AT_REST {
             *slot = self.objects.len() as u32;
             self.objects.push(moved);
+            self.set_revision = unique();
         } else {
             self.objects[*slot as usize] = moved;
         }
@@ -162,6 +194,7 @@ impl Entities {
     fn rest(&mut self, object: ObjectId) {
         let slot = std::mem::replace(&mut self.slots[object.0 as usize], AT_REST);
         if slot != AT_REST {
+            self.set_revision = unique();
             self.objects.swap_remove(slot as usize);
             if let Some(filled) = self.objects.get(slot as usize) {
                 self.slots[filled.object.0 as usize] = slot;

@@ -13,6 +13,7 @@
 //! culling, [`inspect`] describes the result to a person.
 
 pub mod baked;
+pub mod blocks;
 pub mod bounds;
 pub mod builtin;
 pub mod bvh;

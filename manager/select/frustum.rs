@@ -66,7 +66,7 @@ impl Frustum {
     /// Where a ball is.
     pub fn ball(&self, ball: Sphere) -> Where {
         let centre = ball.centre - self.apex;
-        let slack = ROUNDING * (centre.abs().element_sum() + ball.radius);
+        let slack = Self::slack(centre.to_array(), ball.radius);
         let mut found = Where::Inside;
         for (normal, distance) in self.planes {
             let inside_by = normal.dot(centre) - distance;
@@ -77,24 +77,41 @@ impl Frustum {
                 found = Where::Across;
             }
         }
-        match self.within_range(ball, slack) {
+        match self.within_range_of(centre, centre.length_squared(), ball.radius, slack) {
             Where::Inside => found,
             other => other,
         }
     }
 
-    /// Where a ball is with respect to the visibility range. The fading of picture.md counts from the eye; of a view
-    /// that looks from elsewhere, what is in range of either point is kept.
-    fn within_range(&self, ball: Sphere, slack: f64) -> Where {
+    /// Where a ball, given by its centre from the apex and the square of its distance, is with respect to the visibility range. The fading of
+    /// picture.md counts from the eye; of a view that looks from elsewhere, what is in range of either point is kept.
+    pub(super) fn within_range_of(&self, centre: DVec3, squared: f64, radius: f64, slack: f64) -> Where {
         let Some(range) = self.range else { return Where::Inside };
-        let (from_apex, from_eye) = (ball.centre.distance(self.apex), ball.centre.distance(self.eye));
-        if from_apex.min(from_eye) - ball.radius - slack > range {
+        let from_apex = squared.sqrt();
+        let from_eye = if self.eye == self.apex { from_apex } else { (centre + (self.apex - self.eye)).length() };
+        if from_apex.min(from_eye) - radius - slack > range {
             Where::Outside
-        } else if from_apex.max(from_eye) + ball.radius + slack > range {
+        } else if from_apex.max(from_eye) + radius + slack > range {
             Where::Across
         } else {
             Where::Inside
         }
+    }
+
+    /// What rounding may have done to a plane's distance from a ball whose centre is there, seen from the apex.
+    #[inline(always)]
+    pub(super) fn slack([x, y, z]: [f64; 3], radius: f64) -> f64 {
+        ROUNDING * ((x.abs() + y.abs() + z.abs()) + radius)
+    }
+
+    /// Unit normals, inwards, world; and the distance of the plane from the apex.
+    pub(super) fn planes(&self) -> [(DVec3, f64); 5] {
+        self.planes
+    }
+
+    /// Whether there is a visibility range.
+    pub(super) fn has_range(&self) -> bool {
+        self.range.is_some()
     }
 
     /// Whether a box that `map` takes to the world has nothing to show. The planes are taken to the box, which costs less

@@ -1,5 +1,6 @@
 //! Once warm, a frame allocates nothing: neither its selection nor its drawing, whatever the threads and the sampling. What the allocator
-//! is asked for is counted; a flight is flown once, so that buffers grow to what its frames need, and then again.
+//! is asked for is counted; a flight is flown once, so that buffers grow to what its frames need, and then again. With two threads selection has two processors too, and
+//! mixes two lists.
 //!
 //! It is a program of its own without the usual harness, because the count is the whole process's, and the harness has a thread that
 //! speaks up when a test takes long.
@@ -14,7 +15,7 @@ use channel::store::SceneStore;
 use glam::{DQuat, DVec3};
 use manager::host::camera::CameraPose;
 use manager::scene::{Entities, Scene, builtin, import};
-use manager::select::{Selection, Selector};
+use manager::select::{Dispatch, Selector, Sight};
 use proto::frame::{Environment, FrameState, VersionWeights};
 use proto::ids::{Epoch, FrameNumber};
 use proto::share::{Lattice, Part};
@@ -73,7 +74,8 @@ fn fly(
     store: &mut SceneStore,
     stops: &[Stop],
     samples: Samples,
-    (selector, selection): (&mut Selector, &mut Selection),
+    lists: NonZeroUsize,
+    selector: &mut Selector,
     renderer: &mut Renderer,
     out: &mut TilePictures,
 ) -> Vec<[usize; 2]> {
@@ -89,9 +91,10 @@ fn fly(
         let visibility = state.environment.visibility_m;
 
         let before = asked();
-        selector.select(scene, entities, weights, state.eye, &view, visibility, selection);
+        let sight = Sight { lists, ..Sight::whole(state.eye, std::slice::from_ref(&view), visibility) };
+        selector.select(scene, entities, weights, &sight);
         let selected = asked();
-        let stats = renderer.draw(store, state, &view, &selection.subobjects, &part, out).unwrap();
+        let stats = renderer.draw(store, state, &view, &selector.found()[0].subobjects, &part, out).unwrap();
         let drawn = asked();
         counts.push([selected - before, drawn - selected]);
         assert!(stats.triangles_drawn > 0, "the flight shows something");
@@ -117,13 +120,11 @@ fn a_frame_allocates_nothing_once_its_flight_was_flown(name: &str) {
     store.set_table(scene.table.clone()).unwrap();
     for threads in [1, 2] {
         let mut renderer = Renderer::new(NonZeroUsize::new(threads).unwrap()).unwrap();
-        let (mut selector, mut selection) = (Selector::new(), Selection::default());
+        let lists = NonZeroUsize::new(threads).unwrap();
+        let mut selector = Selector::with_processors(lists, Dispatch::default()).unwrap();
         let mut out = TilePictures::with_linear();
         for samples in [Samples::One, Samples::Sixteen, Samples::SixtyFour, Samples::Exact] {
-            let mut flight = || {
-                let select = (&mut selector, &mut selection);
-                fly(&scene, &mut store, &stops, samples, select, &mut renderer, &mut out)
-            };
+            let mut flight = || fly(&scene, &mut store, &stops, samples, lists, &mut selector, &mut renderer, &mut out);
             let (first, second) = (flight(), flight());
             println!("{name}, {threads} threads, {samples}: [select, draw] {first:?}, then {second:?}");
             let is_quiet = second.iter().all(|counts| *counts == [0, 0]);

@@ -5,6 +5,7 @@
 
 pub mod chart;
 mod date;
+pub mod lists;
 pub mod memory;
 pub mod pixels;
 pub mod wire;
@@ -52,6 +53,21 @@ pub struct Figure {
     /// Why there is no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
+}
+
+/// A figure that is to be no more than a limit.
+fn at_most(
+    figure: &'static str,
+    unit: &'static str,
+    target: &'static str,
+    limit: f64,
+    value: Result<f64, String>,
+) -> Figure {
+    let (value, why) = match value {
+        Ok(value) => (Some(value), None),
+        Err(why) => (None, Some(why)),
+    };
+    Figure { figure, value, unit, target, met: value.map(|value| value <= limit), why }
 }
 
 /// What `bench … --json` prints.

@@ -9,8 +9,8 @@
 )]
 
 mod bad_input;
-mod grid;
 mod bake;
+mod grid;
 mod hostile;
 mod lifecycle;
 mod lights;

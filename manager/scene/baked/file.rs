@@ -52,7 +52,7 @@ pub(in crate::scene) enum Section {
     Lengths,
     /// All texts, one behind the other, UTF-8.
     Text,
-    /// Culling trees: those of the shapes, then that of the objects.
+    /// Culling trees of the shapes.
     Branches,
     /// What their branches enclose.
     Items,

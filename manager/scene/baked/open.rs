@@ -95,7 +95,7 @@ impl Texts<'_> {
     }
 }
 
-/// Takes the trees of shapes, then that of the objects.
+/// Takes the trees of shapes.
 struct Trees<'a> {
     branches: &'a [BranchRow],
     items: &'a [u32],
@@ -166,13 +166,19 @@ impl<'a> Reader<'a> {
             return Err(bad(Section::Lengths, 0, format!("{} bytes of text are nobody's", texts.text.len())));
         }
         let objects = nodes.iter().filter(|node| node.shape.is_some()).count();
-        let tree = trees.next(trees.branches.len(), trees.items.len(), objects)?;
+        if !trees.branches.is_empty() || !trees.items.is_empty() {
+            let (branches, items) = (trees.branches.len(), trees.items.len());
+            return Err(bad(
+                Section::Branches,
+                trees.taken[0],
+                format!("{branches} branches and {items} items are nobody's"),
+            ));
+        }
         let planes = self.planes(objects)?;
         let names = self.names(&nodes)?;
         let known = Known {
             meshes: Contents::baked(Arc::clone(self.file), Section::Meshes, mesh_index),
             textures: Contents::baked(Arc::clone(self.file), Section::Textures, texture_index),
-            tree,
             names,
             planes,
         };

@@ -154,7 +154,7 @@ fn write_sections(parts: &Parts, scene: &Scene, out: impl Write + Seek, watch: W
     writer.table(Section::Text, &text)?;
     drop((lengths, text));
 
-    let trees = || scene.shapes.iter().map(|shape| &shape.tree).chain([&scene.tree]);
+    let trees = || scene.shapes.iter().map(|shape| &shape.tree);
     let branches: Vec<BranchRow> = trees().flat_map(|tree: &Bvh| tree.branches.iter().map(BranchRow::of)).collect();
     writer.table(Section::Branches, &branches)?;
     drop(branches);

@@ -165,7 +165,7 @@ fn no_flipped_bit_is_ever_believed() {
 
 fn use_all_described(bytes: &[u8]) -> String {
     let scene = open(bytes).unwrap();
-    format!("{:?} {:?} {:?} {:?}", scene.nodes, scene.table, scene.tree, scene.meshes.all().unwrap())
+    format!("{:?} {:?} {:?} {:?}", scene.nodes, scene.table, scene.blocks.tree, scene.meshes.all().unwrap())
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::*;
 use crate::scene::baked::check_all;
 use crate::scene::baked::file::{self, Section};
 use crate::scene::inspect::inspect;
-use crate::select::{Selection, Selector};
+use crate::select::{Selector, Sight};
 use proptest::prelude::*;
 use proto::view::{Pose, Samples, Tangents, View};
 
@@ -30,9 +30,9 @@ fn survive(bytes: &[u8]) -> Result<(), TestCaseError> {
         near: View::NEAR_DEFAULT,
         samples: Samples::One,
     };
-    let mut selection = Selection::default();
-    Selector::new().select(&scene, &entities, &[], Pose::IDENTITY, &view, None, &mut selection);
-    prop_assert!(selection.subobjects.iter().all(|id| (id.0 as usize) < scene.table.subobjects.len()));
+    let mut selector = Selector::new();
+    selector.select(&scene, &entities, &[], &Sight::whole(Pose::IDENTITY, &[view], None));
+    prop_assert!(selector.found()[0].subobjects.iter().all(|id| (id.0 as usize) < scene.table.subobjects.len()));
     for object in &scene.objects {
         prop_assert!(scene.subobjects_of(object).end as usize <= scene.table.subobjects.len());
     }

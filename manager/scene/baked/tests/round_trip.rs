@@ -10,7 +10,7 @@ use std::path::PathBuf;
 fn described(scene: &Scene) -> String {
     let Scene { name, nodes, roots, objects, shapes, materials, models, table, .. } = scene;
     let found = (name, nodes, roots, objects, shapes, materials, models, table);
-    let more = (&scene.subobject_spheres, &scene.tree, &scene.sphere, &scene.bounds, &scene.warnings);
+    let more = (&scene.blocks.tree, &scene.sphere, &scene.bounds, &scene.warnings);
     let names: Vec<_> = scene.node_names().map(|name| (name, scene.node_by_name(name))).collect();
     let entities: Vec<_> = scene.entities().collect();
     let model_names: Vec<_> = scene.model_names().collect();
