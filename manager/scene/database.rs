@@ -240,6 +240,7 @@ impl Scene {
         let mut finder = models::Finder::default();
         let mut entities: BTreeMap<u64, NodeIndex> = BTreeMap::new();
         let mut said: Vec<Extras> = Vec::with_capacity(sources.len());
+        let nothing = Extras::default();
         let mut primitives = 0;
 
         for (number, source) in sources.into_iter().enumerate() {
@@ -249,8 +250,8 @@ impl Scene {
             let orientation =
                 parent.map_or(source.rotation, |parent| (parent.orientation * source.rotation).normalize());
             let (model, version) = finder.place(&source, index, parent, &nodes)?;
-            let outer = source.parent.map_or_else(Extras::default, |parent| said[parent as usize].clone());
-            let extras = source.extras.clone().inside(&outer);
+            let outer = source.parent.map_or(&nothing, |parent| &said[parent as usize]);
+            let extras = source.extras.clone().inside(outer);
             let first_object = objects.len() as u32;
             let mut node = Node {
                 name: source.name.clone(),

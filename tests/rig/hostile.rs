@@ -1,7 +1,7 @@
 //! Rubbish on every port of a flying rig: it is counted and dropped, and the rig goes on.
 
 use crate::program::Rig;
-use proto::codec::{self, encode_ids};
+use codec::{self, encode_ids};
 use proto::ids::ContentId;
 use proto::message::{FromBoard, Hello, Role};
 use std::io::{Read, Write};
@@ -50,7 +50,7 @@ fn a_garbage_client_on_the_backplane_is_counted_and_dropped() {
     }
     // A right preamble and then a frame that claims four gigabytes.
     let mut stream = TcpStream::connect(backplane).unwrap();
-    stream.write_all(&proto::codec::preamble(proto::codec::VERSIONS)).unwrap();
+    stream.write_all(&codec::preamble(codec::VERSIONS)).unwrap();
     let _ = stream.write_all(&[0xff; 64]);
     let _ = stream.read_to_end(&mut Vec::new());
     rig.wait("three dropped connections", |stats| stats["dropped"]["connections"] == 3);
@@ -61,11 +61,11 @@ fn a_garbage_client_on_the_backplane_is_counted_and_dropped() {
 fn a_peer_of_another_version_is_refused_by_both_versions_names() {
     let (rig, backplane, _) = flying();
     let mut stream = TcpStream::connect(backplane).unwrap();
-    let theirs = proto::codec::VersionRange { min: 7, max: 9 };
-    stream.write_all(&proto::codec::preamble(theirs)).unwrap();
-    let mut answer = [0; proto::codec::PREAMBLE_LEN];
+    let theirs = codec::VersionRange { min: 7, max: 9 };
+    stream.write_all(&codec::preamble(theirs)).unwrap();
+    let mut answer = [0; codec::PREAMBLE_LEN];
     stream.read_exact(&mut answer).unwrap();
-    let error = proto::codec::agree(theirs, &answer).unwrap_err().to_string();
+    let error = codec::agree(theirs, &answer).unwrap_err().to_string();
     assert!(error.contains("versions 7 to 9") && error.contains("version 2"), "the peer can tell: {error}");
     let stats = rig.wait("the refusal", |stats| stats["dropped"]["connections"] == 1);
     let events = stats["events"].to_string();

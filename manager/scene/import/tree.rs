@@ -175,7 +175,13 @@ impl Importer<'_> {
             if let (Some(instancing), Some(_)) = (instancing, shape) {
                 let instancing = Instancing::deserialize(instancing)
                     .map_err(|error| Fault::Json { message: format!("{place}: EXT_mesh_gpu_instancing: {error}") })?;
-                for (i, (local, rotation)) in self.instances(&instancing.attributes, &place)?.into_iter().enumerate() {
+                let instances = self.instances(&instancing.attributes, &place)?;
+                // Each gets the node's name: a long one many times over would be more than any file.
+                let (count, limit) = (name.len() as u64 * instances.len() as u64, limits::TEXT_MAX as u64);
+                if count > limit {
+                    return Err(Fault::TooMany { place, what: "bytes of instances' names", count, limit });
+                }
+                for (i, (local, rotation)) in instances.into_iter().enumerate() {
                     let name = if name.is_empty() { String::new() } else { format!("{name}[{i}]") };
                     let instance =
                         NodeSource { name, parent: Some(own), local, rotation, shape, ..NodeSource::default() };

@@ -123,3 +123,36 @@ fn real_models_come_back() {
         through_a_file(parts);
     }
 }
+
+fn timed<T>(what: &str, work: impl FnOnce() -> T) -> T {
+    let begun = std::time::Instant::now();
+    let result = work();
+    println!("{what}: {:.1} ms", begun.elapsed().as_secs_f64() * 1e3);
+    result
+}
+
+/// Not the target, which is about triangles: what a million objects cost.
+#[test]
+#[ignore = "a measurement: cargo test --release -p cyclorama-manager a_million_objects -- --ignored --nocapture"]
+fn a_million_objects() {
+    let mut parts = small();
+    let shape = parts.nodes[1].shape;
+    let at = |i: u32| DVec3::new(f64::from(i % 1000), 0.0, f64::from(i / 1000)) * 40.0;
+    let node = |i: u32| NodeSource {
+        name: format!("object {i}"),
+        shape,
+        local: DAffine3::from_translation(at(i)),
+        extras: Extras { is_static: Some(false), ..Extras::default() },
+        ..NodeSource::default()
+    };
+    parts.nodes = (0..1_000_000).map(node).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.baked");
+    let again = parts.clone();
+    let scene = timed("assembled", || Scene::assemble(again).unwrap());
+    timed("written", || baked::write(&parts, &scene, &path, &mut |_| ControlFlow::Continue(())).unwrap());
+    for _ in 0..3 {
+        let opened = timed("opened", || baked::open(&path).unwrap());
+        assert_eq!(opened.table, scene.table);
+    }
+}

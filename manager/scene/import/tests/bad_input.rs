@@ -222,6 +222,36 @@ fn four_billion_elements_in_a_kilobyte() {
 }
 
 #[test]
+fn a_long_name_for_each_of_a_hundred_thousand_instances() {
+    let instanced = |name: String| {
+        let mut file = File::triangle();
+        let instances = json!({"componentType": 5126, "type": "VEC3", "count": 100_000});
+        let accessor = super::push(&mut file.json["accessors"], instances);
+        file.json["nodes"] = json!([{"name": name, "mesh": 0, "extensions": {
+            "EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": accessor}}}}]);
+        file.load()
+    };
+    let error = instanced("tree ".repeat(100_000)).unwrap_err().to_string();
+    assert!(error.ends_with("50000000000 bytes of instances' names, at most 1073741824 are possible; split the scene"));
+    assert_eq!(instanced("tree".into()).unwrap().objects.len(), 100_000);
+}
+
+/// Each child once copied the list of its parent's levels, which took for ever.
+#[test]
+fn a_long_list_of_levels_above_many_nodes_is_quick() {
+    let mut file = File::triangle();
+    let n = 30_000;
+    let names: Vec<_> = (0..n).map(|i| format!("level {i}")).collect();
+    let mut nodes = vec![json!({"children": (1..=n).collect::<Vec<_>>(), "extras": {"cyclorama": {"levels": names}}})];
+    nodes.extend((0..n).map(|_| json!({"mesh": 0})));
+    file.json["nodes"] = json!(nodes);
+    match file.load() {
+        Ok(scene) => assert_eq!(scene.objects.len(), n),
+        Err(error) => assert!(error.to_string().contains("levels"), "{error}"),
+    }
+}
+
+#[test]
 fn strides_offsets_and_views_that_lead_outside() {
     let broken = |change: &dyn Fn(&mut File)| {
         let mut file = File::triangle();
