@@ -51,7 +51,7 @@ pub(super) fn quarter<'a>(faces: &[ExactFace<'a>], number: usize, out: &mut Vec<
     out.extend(faces.iter().filter_map(|face| {
         let (x, y) = (face.x.map(|x| x * 2.0 - left), face.y.map(|y| y * 2.0 - top));
         let is_beside = |c: [f64; 3]| c.iter().all(|c| *c <= 0.0) || c.iter().all(|c| *c >= 1.0);
-        (!is_beside(x) && !is_beside(y)).then(|| ExactFace {
+        (!is_beside(x) && !is_beside(y)).then_some(ExactFace {
             x,
             y,
             q0: face.q0 + 0.5 * (left * face.qx + top * face.qy),

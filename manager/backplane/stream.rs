@@ -12,6 +12,9 @@ use proto::share::views_of;
 use proto::time::Time;
 use std::ops::{Deref, DerefMut};
 
+/// Boards, and the views that each draws a share of.
+type Sharers = Vec<(BoardKey, Vec<ViewId>)>;
+
 /// See the module's head.
 #[derive(Debug)]
 pub(crate) struct Stream {
@@ -24,7 +27,7 @@ pub(crate) struct Stream {
     /// Residency knows what the views want.
     is_wished: bool,
     /// For which boards and which state of theirs `available` holds.
-    found_for: Option<(u64, Vec<(BoardKey, Vec<ViewId>)>)>,
+    found_for: Option<(u64, Sharers)>,
     available: Available,
 }
 

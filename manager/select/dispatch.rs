@@ -123,9 +123,9 @@ impl Crossbar {
             let Some(node) = self.take(way, own) else {
                 vain += 1;
                 if vain % SPINS == 0 {
-                    std::thread::yield_now()
+                    std::thread::yield_now();
                 } else {
-                    std::hint::spin_loop()
+                    std::hint::spin_loop();
                 }
                 continue;
             };

@@ -21,7 +21,10 @@ pub(super) type Views = u64;
 /// Bit k: object k of a block.
 pub(super) type Objects = u64;
 
-const _: () = assert!(proto::limits::VIEWS_MAX <= Views::BITS as usize && BLOCK == Objects::BITS as usize);
+const _: () = assert!(
+    proto::limits::VIEWS_MAX <= Views::BITS as usize && BLOCK == Objects::BITS as usize,
+    "a view, and an object of a block, is a bit of a word"
+);
 
 /// Views that look from one point.
 #[derive(Clone, Debug)]
@@ -142,8 +145,8 @@ impl Near {
         let mut slack = [0.0; BLOCK];
         let (mut outside, mut inside) = (0, u64::MAX);
         dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
-            for k in 0..BLOCK {
-                slack[k] = Frustum::slack([self.x[k], self.y[k], self.z[k]], self.radius[k]);
+            for (k, slack) in slack.iter_mut().enumerate() {
+                *slack = Frustum::slack([self.x[k], self.y[k], self.z[k]], self.radius[k]);
             }
             for (normal, distance) in frustum.planes() {
                 let by: [f64; BLOCK] = std::array::from_fn(#[inline(always)] |k| {

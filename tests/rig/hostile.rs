@@ -1,7 +1,7 @@
 //! Rubbish on every port of a flying rig: it is counted and dropped, and the rig goes on.
 
 use crate::program::Rig;
-use codec::{self, encode_ids};
+use proto::codec::{self, encode_ids};
 use proto::ids::ContentId;
 use proto::message::{FromBoard, Hello, Role};
 use std::io::{Read, Write};
@@ -115,13 +115,16 @@ fn board(backplane: std::net::SocketAddr, memory: u64, says: &[(FromBoard, Vec<u
     let _ = stream.read_to_end(&mut Vec::new());
 }
 
+/// A board's memory limit, what it says, and why it is put out for that.
+type Claim = (u64, Vec<(FromBoard, Vec<u8>)>, &'static str);
+
 #[test]
 fn a_board_that_claims_what_cannot_be_is_put_out_and_counted() {
     let (rig, backplane, _) = flying();
     let id = |k: u8| ContentId([k; 16]);
     let holding = |ids: &[ContentId]| (FromBoard::Holding { scene: None, more: false }, encode_ids(ids));
     let gib = 1 << 30;
-    let cases: [(u64, Vec<(FromBoard, Vec<u8>)>, &str); 5] = [
+    let cases: [Claim; 5] = [
         (
             gib,
             vec![holding(&[]), (FromBoard::Stored, encode_ids(&[id(1)]))],

@@ -96,7 +96,7 @@ impl Layout {
     /// From an object's centre to its piece's, m.
     fn offset(object: usize, piece: u32) -> DVec3 {
         let angle = (f64::from(piece) / f64::from(PIECES) + part(object, 6)) * std::f64::consts::TAU;
-        let up = if piece % 2 == 0 { 0.3 } else { -0.3 };
+        let up = if piece.is_multiple_of(2) { 0.3 } else { -0.3 };
         DVec3::new(angle.cos() * 0.8, up, angle.sin() * 0.8) * (Self::radius(object) * 0.5)
     }
 
