@@ -15,12 +15,12 @@
 use super::content::Content;
 use super::engine::Event;
 use bytes::Bytes;
-use futures_util::stream::StreamExt;
-use futures_util::{Sink, SinkExt};
+use futures_util::SinkExt;
+use futures_util::stream::{SplitSink, SplitStream, StreamExt};
 use proto::codec;
 use proto::ids::{BoardKey, ContentId};
 use proto::limits;
-use proto::link::{self, LinkError};
+use proto::link::{self, Link, LinkError};
 use proto::message::{FromBoard, FromCompositor, Hello, Role};
 use proto::piece::{PIECE_OVERHEAD, PieceKind};
 use std::net::SocketAddr;
@@ -28,10 +28,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
-use tokio::net::tcp::OwnedReadHalf;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
-use tokio_util::codec::{FramedRead, FramedWrite, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
 /// Messages that may wait for one link.
@@ -175,6 +173,8 @@ async fn serve(
         // Before a peer has said who it is, it may claim little.
         let mut opened = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
         let (hello, _) = link::expect::<Hello>(&mut opened).await?;
+        // A compositor sends pictures. A board says nothing large, but the codec has one limit for both ways, and a scene's table is large.
+        opened.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
         // Addresses go out again in messages of bounded length.
         let (Role::Board { link: address, .. } | Role::Compositor { listen: address, .. }) = &hello.role;
         codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
@@ -195,14 +195,7 @@ async fn serve(
     if !post(engine, Event::Hello { key, hello, from, outbox }).await {
         return Ok(());
     }
-    // A compositor sends pictures; a board has nothing large to say.
-    let largest = if is_board { limits::CONTROL_MESSAGE_MAX } else { limits::BULK_MESSAGE_MAX };
-    let parts = link.into_parts();
-    let (reading, writing) = parts.io.into_split();
-    let mut source = FramedRead::new(reading, codec::framing(largest));
-    // What came with the greeting.
-    *source.read_buffer_mut() = parts.read_buf;
-    let sink = FramedWrite::new(writing, codec::framing(limits::BULK_MESSAGE_MAX));
+    let (sink, source) = link.split();
     let counted = is_board.then(|| traffic.clone());
     let writer = tokio::spawn(write(sink, waiting, wanted, content, counted, cut.clone()));
     let reading = async {
@@ -225,7 +218,7 @@ async fn serve(
 }
 
 async fn read_board(
-    mut source: FramedRead<OwnedReadHalf, LengthDelimitedCodec>,
+    mut source: SplitStream<Link<TcpStream>>,
     key: BoardKey,
     engine: &SyncSender<Event>,
     traffic: &Traffic,
@@ -242,7 +235,7 @@ async fn read_board(
 }
 
 async fn read_compositor(
-    mut source: FramedRead<OwnedReadHalf, LengthDelimitedCodec>,
+    mut source: SplitStream<Link<TcpStream>>,
     key: BoardKey,
     engine: &SyncSender<Event>,
 ) -> Result<(), LinkError> {
@@ -261,7 +254,7 @@ enum Next {
 }
 
 async fn write(
-    mut sink: impl Sink<Bytes, Error = std::io::Error> + Unpin,
+    mut sink: SplitSink<Link<TcpStream>, Bytes>,
     mut waiting: mpsc::Receiver<Outgoing>,
     mut wanted: mpsc::Receiver<(ContentId, PieceKind)>,
     content: Arc<Content>,
