@@ -1,6 +1,6 @@
 //! The instruction sets that pixels can be made with, and the choice of one.
 //!
-//! Every kernel is one generic body over `fearless_simd`'s token, compiled for each level and entered by one [`at_level`] per run
+//! Every kernel is one generic body over `fearless_simd`'s token, compiled for each level and entered by one `at_level` per run
 //! of geometry and per tile. All levels give the same bits: kernels use + − × ÷ √, comparisons and integers only, no fused
 //! multiply-add, no approximate reciprocals, no sums whose order depends on a width. `scalar` is the twin that the others are
 //! tested against.

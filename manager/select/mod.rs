@@ -1,19 +1,19 @@
 //! Selection: from (scene, poses, eye, views) to the lists of what each view shows, nearest first.
 //!
 //! Four of the steps of manager.md are here. *Detail*: which versions of each model are shown, and how they are mixed
-//! ([`detail`]). *Cull*: the tree of balls over all objects is walked once for all views of an eyepoint ([`walk`], by object processors, [`dispatch`]); a branch
+//! ([`detail`]). *Cull*: the tree of balls over all objects is walked once for all views of an eyepoint (`walk`, by object processors, `dispatch`); a branch
 //! outside of every view is dropped without a look inside it, one wholly inside gives all it has without another test,
 //! and only what lies across a border is asked again, down to the single subobject and its box. Moved objects are
 //! outside the tree and are asked one by one. *Key*: the power of the view's apex with respect to each subobject's ball,
-//! |centre − apex|² − radius². *Sort*: by that key ([`sort`], [`merge`]).
+//! |centre − apex|² − radius². *Sort*: by that key (`sort`, `merge`).
 //!
 //! Power, not distance, because balls differ in size: of two that don't overlap, the plane of equal power separates
 //! them, and the eye is on the side of the one with the smaller power, so that one can't be hidden by the other. By
 //! centre distance a large ball in front may come after a small one behind it (the test
 //! `power_order_beats_centre_distance` has such a pair).
 //!
-//! If a view's work is to be spread over several boards, objects that overlap are marked and joined to groups ([`overlap`], [`groups`]), and
-//! neighbouring groups are mixed to as many lists as are wanted, evenly by predicted cost ([`cost`], [`spread`]). A list is in ascending power of its *subobjects*, as one
+//! If a view's work is to be spread over several boards, objects that overlap are marked and joined to groups (`overlap`, `groups`), and
+//! neighbouring groups are mixed to as many lists as are wanted, evenly by predicted cost ([`cost`], `spread`). A list is in ascending power of its *subobjects*, as one
 //! for the whole view is: whether objects are one group decides which list they are in, never how it is sorted.
 //!
 //! What can't have changed isn't done again: nothing at all if nothing moved, and only what moved if the eye didn't.

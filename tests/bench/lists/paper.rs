@@ -26,7 +26,7 @@ impl Ball {
         (x * x) + (y * y) + (z * z)
     }
 
-    /// "distance between the object SP[j] and the object SP[i] less than the sum of the extent radiuses?"
+    /// "distance between the object SP`[j]` and the object SP`[i]` less than the sum of the extent radiuses?"
     pub fn overlaps(&self, other: &Self) -> bool {
         self.squared(other.centre) < (self.radius + other.radius) * (self.radius + other.radius)
     }
