@@ -35,14 +35,18 @@ pub trait Bodies: Sync {
 }
 
 /// What drawing an object takes, as far as the database knows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Content {
     /// Vertices of all subobjects.
     pub vertices: u32,
     /// Triangles of all subobjects.
     pub triangles: u32,
-    /// Subobjects that light passes through.
-    pub translucent: u32,
+    /// What one sees of their boxes, from all sides on the average, m²: a box's surface is four times that.
+    pub area: f32,
+    /// That of subobjects with a picture, m².
+    pub textured: f32,
+    /// That of subobjects that light passes through, m².
+    pub translucent: f32,
 }
 
 /// Where a block's balls are: `origin + unit · offset`.

@@ -124,6 +124,12 @@ pub fn ball_moved_by(map: &DAffine3, stretch: f64, ball: Sphere) -> Sphere {
     Sphere { centre, radius: ball.radius * stretch + rounding }
 }
 
+/// What one sees of a box from all sides on the average, m²: a quarter of its surface (Cauchy).
+pub fn seen_area(around: &Box3) -> f64 {
+    let size = around.max - around.min;
+    (size.x * size.y + size.y * size.z + size.z * size.x) / 2.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

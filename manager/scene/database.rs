@@ -472,13 +472,19 @@ impl Bodies for Assembled<'_> {
     }
 
     fn content(&self, object: u32) -> Content {
-        self.shape(object).pieces.iter().fold(Content::default(), |sum, piece| {
+        let first = self.pieces(object).start as usize;
+        self.shape(object).pieces.iter().zip(&self.spheres[first..]).fold(Content::default(), |sum, (piece, sphere)| {
             let material = self.materials.get(piece.material as usize);
             let is_translucent = material.is_some_and(|entry| entry.material.alpha == Alpha::Blend);
+            let is_textured = material.is_some_and(|entry| entry.material.base_texture.is_some());
+            let scale = if piece.sphere.radius > 0.0 { sphere.radius / piece.sphere.radius } else { 0.0 };
+            let area = (bounds::seen_area(&piece.bounds) * scale * scale) as f32;
             Content {
                 vertices: sum.vertices.saturating_add(piece.vertices),
                 triangles: sum.triangles.saturating_add(piece.triangles),
-                translucent: sum.translucent + u32::from(is_translucent),
+                area: sum.area + area,
+                textured: sum.textured + if is_textured { area } else { 0.0 },
+                translucent: sum.translucent + if is_translucent { area } else { 0.0 },
             }
         })
     }

@@ -1,15 +1,15 @@
 //! What drawing an object is predicted to take, and how that is found out.
 //!
-//! The model is linear in what is known before a pixel is drawn: vertices, triangles, the pixels that the object's ball would cover,
-//! and those pixels again for each of its translucent subobjects. Its numbers are fitted to measured times of whole frames by least squares of the *relative* error
+//! The model is linear in what is known before a pixel is drawn: vertices, triangles, the pixels that the boxes of the object's subobjects would cover
+//! as seen from all sides on the average, and those again that light passes through. Boxes, since balls of what is flat, like ground, cover a hundred times
+//! what it does. Its numbers are fitted to measured times of whole frames by least squares of the *relative* error
 //! (a frame of 2 ms counts as much as one of 200), and are never negative: `cyclorama bench lists --fit` does it again on the machine it runs on.
 //! It predicts shares of work, not deadlines: what is hidden costs less than it says, so an object in the last row is overrated.
 
 use crate::scene::blocks::Content;
-use glam::DMat4;
 
 /// Numbers of the model.
-pub const TERMS: usize = 4;
+pub const TERMS: usize = 5;
 
 /// ns of one thread, each.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -18,36 +18,40 @@ pub struct CostModel {
     pub vertex: f64,
     /// Of a triangle.
     pub triangle: f64,
-    /// Of a pixel that the ball covers.
+    /// Of a pixel that a subobject's box covers.
     pub pixel: f64,
-    /// Of such a pixel, for each translucent subobject.
+    /// Of such a pixel beyond that, if the subobject has a picture.
+    pub textured: f64,
+    /// Of such a pixel beyond that, if light passes through the subobject.
     pub layer: f64,
 }
 
 impl CostModel {
-    /// PLACEHOLDER
-    pub const MEASURED: Self = Self { vertex: 10.0, triangle: 20.0, pixel: 1.0, layer: 2.0 };
+    /// Fitted on a machine with AVX-512: six built-in scenes at 1280 × 720 and 16 points, one thread. The root mean square of the relative error is
+    /// 0.37 on frames that did not take part in the fit: 0.14 to 0.21 by scene, but 0.84 (too little) for `runway`, whose pixels are all seen, while
+    /// most of the others' are hidden. Triangles add nothing to what vertices say.
+    pub const MEASURED: Self = Self { vertex: 500.0, triangle: 0.0, pixel: 0.23, textured: 15.6, layer: 15.6 };
 
     /// From the model's terms.
-    pub fn of([vertex, triangle, pixel, layer]: [f64; TERMS]) -> Self {
-        Self { vertex, triangle, pixel, layer }
+    pub fn of([vertex, triangle, pixel, textured, layer]: [f64; TERMS]) -> Self {
+        Self { vertex, triangle, pixel, textured, layer }
     }
 
-    /// What doesn't depend on where an object is, ns; and what each of its pixels takes, ns.
+    /// What doesn't depend on where an object is, ns; and what it takes for each pixel that a square metre covers, ns.
     pub fn parts(&self, content: Content) -> [f64; 2] {
         let fixed = self.vertex * f64::from(content.vertices) + self.triangle * f64::from(content.triangles);
-        [fixed, self.pixel + self.layer * f64::from(content.translucent)]
+        let own = [(self.pixel, content.area), (self.textured, content.textured), (self.layer, content.translucent)];
+        [fixed, own.into_iter().map(|(number, area)| number * f64::from(area)).sum()]
     }
 }
 
-/// Pixels that a ball covers, for `elements` of them to a radian; all that it could if the eye is in it. `squared` is the square of the
-/// centre's distance, m².
+/// Pixels that a square metre covers at an object's distance, for `elements` of them to a radian. `squared` is the square of the distance of its
+/// ball's centre, m²; within the ball it's as far as the ball's surface.
 #[inline(always)]
 pub fn covered(radius: f64, squared: f64, elements: f64) -> f64 {
-    let spanned = radius * radius / if squared > radius * radius { squared } else { radius * radius };
+    let far = if squared > radius * radius { squared } else { radius * radius };
     // A point has no pixels, not even of its own distance.
-    let spanned = if spanned > 0.0 { spanned } else { 0.0 };
-    std::f64::consts::PI * elements * elements * spanned
+    if far > 0.0 { elements * elements / far } else { 0.0 }
 }
 
 /// Non-negative numbers that make Σ number · term the nearest to the measured value, relative to that, over all rows; and the root mean square of
@@ -73,12 +77,8 @@ pub fn fit(rows: &[([f64; TERMS], f64)]) -> Option<([f64; TERMS], f64)> {
         }
         let even: [[f64; TERMS]; TERMS] =
             std::array::from_fn(|i| std::array::from_fn(|j| normal[i][j] / (size[i] * size[j])));
-        let matrix = DMat4::from_cols_array_2d(&even);
-        if matrix.determinant().abs() < 1e-9 {
-            return None;
-        }
-        let solved = matrix.inverse() * glam::DVec4::from_array(std::array::from_fn(|i| right[i] / size[i]));
-        let numbers: [f64; TERMS] = std::array::from_fn(|i| solved.to_array()[i] / size[i]);
+        let solved = solve(even, std::array::from_fn(|i| right[i] / size[i]))?;
+        let numbers: [f64; TERMS] = std::array::from_fn(|i| solved[i] / size[i]);
         let worst = (0..TERMS).filter(|&i| used[i]).min_by(|&a, &b| numbers[a].total_cmp(&numbers[b]))?;
         if numbers[worst] < 0.0 {
             used[worst] = false;
@@ -90,14 +90,34 @@ pub fn fit(rows: &[([f64; TERMS], f64)]) -> Option<([f64; TERMS], f64)> {
     }
 }
 
+/// The solution of a symmetric positive definite system of diagonal 1, by elimination; `None` if it has hardly one.
+fn solve(mut rows: [[f64; TERMS]; TERMS], mut right: [f64; TERMS]) -> Option<[f64; TERMS]> {
+    for k in 0..TERMS {
+        if rows[k][k] < 1e-9 {
+            return None;
+        }
+        for i in k + 1..TERMS {
+            let part = rows[i][k] / rows[k][k];
+            let above = rows[k];
+            rows[i].iter_mut().zip(above).skip(k).for_each(|(own, above)| *own -= part * above);
+            right[i] -= part * right[k];
+        }
+    }
+    for k in (0..TERMS).rev() {
+        let known: f64 = (k + 1..TERMS).map(|j| rows[k][j] * right[j]).sum();
+        right[k] = (right[k] - known) / rows[k][k];
+    }
+    Some(right)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
     #[test]
-    fn a_ball_covers_its_circle_and_all_of_it_from_inside() {
-        assert!((covered(1.0, 100.0, 1000.0) - std::f64::consts::PI * 1e4).abs() < 1e-6);
+    fn a_square_metre_covers_its_solid_angle_and_within_the_ball_no_more_than_at_its_surface() {
+        assert!((covered(1.0, 100.0, 1000.0) - 1e4).abs() < 1e-9);
         assert_eq!(covered(2.0, 0.0, 10.0), covered(2.0, 4.0, 10.0));
         assert_eq!(covered(0.0, 0.0, 10.0), 0.0);
     }
@@ -107,7 +127,7 @@ mod tests {
         let rows: Vec<_> = (1..20)
             .map(|i| {
                 let x = f64::from(i);
-                let terms = [x, x * x % 7.0 + 1.0, 40.0 - x, x.sqrt()];
+                let terms = [x, x * x % 7.0 + 1.0, 40.0 - x, x.sqrt(), x * x % 11.0 + 2.0];
                 (terms, 5.0 * terms[0] + 100.0 - 0.01 * terms[2])
             })
             .collect();
@@ -119,10 +139,10 @@ mod tests {
     proptest! {
         #[test]
         fn what_is_linear_is_found_again(
-            numbers in prop::array::uniform4(0.1..100.0f64),
-            rows in prop::collection::vec(prop::array::uniform4(1.0..1000.0f64), 12..40),
+            numbers in prop::array::uniform5(0.1..100.0f64),
+            rows in prop::collection::vec(prop::array::uniform5(1.0..1000.0f64), 15..40),
         ) {
-            let value = |terms: &[f64; 4]| terms.iter().zip(&numbers).map(|(a, b)| a * b).sum();
+            let value = |terms: &[f64; TERMS]| terms.iter().zip(&numbers).map(|(a, b)| a * b).sum();
             let rows: Vec<_> = rows.into_iter().map(|terms| (terms, value(&terms))).collect();
             let (found, error) = fit(&rows).unwrap();
             prop_assert!(error < 1e-6, "error {error}");

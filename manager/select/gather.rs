@@ -70,8 +70,7 @@ impl Growing {
         self.open.truncate(left);
         self.left = left;
         parted.truncate(gone);
-        sort::sort(parted, scratch, power);
-        self.sorted.extend_from_slice(parted);
+        sort::append(parted, scratch, power, &mut self.sorted);
     }
 }
 

@@ -36,7 +36,7 @@ impl Bodies for (&Things, &[u32]) {
         self.0.0[object].1[(piece - self.1[object]) as usize]
     }
     fn content(&self, object: u32) -> Content {
-        Content { vertices: 10, triangles: 10 + object % 5, translucent: 0 }
+        Content { vertices: 10, triangles: 10 + object % 5, area: 20.0, ..Content::default() }
     }
 }
 

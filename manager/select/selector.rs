@@ -97,6 +97,7 @@ pub struct Selector {
     plan: Plan,
     /// By view, by list: of what moved.
     moved_lists: Vec<Vec<Entry>>,
+    unsorted: Vec<Entry>,
     sorting: sort::Scratch,
     merging: merge::Scratch,
     found: Vec<Selection>,
@@ -137,6 +138,7 @@ impl Selector {
             overlaps: Overlaps::default(),
             plan: Plan::default(),
             moved_lists: Vec::new(),
+            unsorted: Vec::new(),
             sorting: sort::Scratch::default(),
             merging: merge::Scratch::default(),
             found: Vec::new(),
@@ -493,7 +495,9 @@ impl Selector {
             self.moved_lists[view * lists + list].push(entry(step, id));
         }
         for (output, list) in self.moved_lists[..outputs].iter_mut().enumerate() {
-            sort::sort(list, &mut self.sorting, |id| powers.of(output / lists, id));
+            self.unsorted.clear();
+            self.unsorted.append(list);
+            sort::append(&mut self.unsorted, &mut self.sorting, |id| powers.of(output / lists, id), list);
         }
     }
 

@@ -5,10 +5,9 @@
 //! of powers that a frame has, the lower half the id. Steps are a monotone function of the power, so entries are in order wherever
 //! steps differ; where they don't, the powers themselves are asked again. In a scene of a million objects that is a few hundred pairs.
 //!
-//! One pass of a counting sort over the upper bits of the step brings each entry within a few places of its own, and one pass of
-//! insertion, or the library's sort where many share a bucket, does the rest. The number of buckets goes with the length. What makes it quick is where entries
-//! come from: blocks are visited nearest first, so at any time reads and writes go to a narrow window of the list, which stays in the cache. A radix sort
-//! of three passes moved every entry three times through memory.
+//! Two passes of a radix sort over the upper sixteen bits of what the steps differ in, and one pass of insertion for what shares them. Lists are
+//! sorted in pieces that a second-level cache holds (`gather.rs`), so that moving entries twice costs less than clearing and summing as many counters
+//! as there are entries, which one pass of a counting sort needs. Where insertion would move many, the library's sort does it instead.
 
 use super::walk::room;
 use glam::DVec3;
@@ -109,18 +108,18 @@ pub(super) fn id(entry: Entry) -> SubobjectId {
     SubobjectId(entry as u32)
 }
 
-/// From this length on buckets are used; clearing and summing their counters costs as much as sorting some hundred entries.
-const BUCKETS_FROM: usize = 1000;
-/// Most bits of a bucket's number: 8 MB of counters, of which a narrow window is in use at a time.
-const BUCKET_BITS_MAX: u32 = 21;
-/// Buckets of more entries than this are given to the library's sort.
-const CROWDED: u32 = 24;
+/// From this length on digits are used; clearing and summing their counters costs as much as sorting some hundred entries.
+const DIGITS_FROM: usize = 500;
+/// Bits of a digit.
+const DIGIT_BITS: u32 = 8;
+const DIGITS: usize = 1 << DIGIT_BITS;
+/// Insertion may move each entry so many places on the average.
+const MOVES: usize = 4;
 
 /// Working memory, kept from one sort to the next.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     spare: Vec<Entry>,
-    counts: Vec<u32>,
     ties: Vec<(u64, u32)>,
 }
 
@@ -128,59 +127,62 @@ impl Scratch {
     /// Room to sort so many entries.
     pub(super) fn make_room(&mut self, entries: usize) {
         room(&mut self.spare, entries);
-        if entries >= BUCKETS_FROM {
-            room(&mut self.counts, 2 << bucket_bits(entries));
-        }
     }
 }
 
-fn bucket_bits(entries: usize) -> u32 {
-    // One to two buckets for an entry: most are alone in theirs.
-    (entries.ilog2() + 1).min(BUCKET_BITS_MAX)
-}
-
-/// Sorts by power, then id; `power` gives the ordered bits of an id's power.
-pub(super) fn sort(list: &mut Vec<Entry>, scratch: &mut Scratch, power: impl Fn(u32) -> u64) {
-    if list.len() < BUCKETS_FROM {
+/// Sorts `list` by power, then id, and puts it behind `out`; `power` gives the ordered bits of an id's power. What `list` holds then is
+/// anything.
+pub(super) fn append(list: &mut [Entry], scratch: &mut Scratch, power: impl Fn(u32) -> u64, out: &mut Vec<Entry>) {
+    let start = out.len();
+    if list.len() < DIGITS_FROM {
         list.sort_unstable();
+        out.extend_from_slice(list);
     } else {
-        by_buckets(list, scratch);
+        out.resize(start + list.len(), 0);
+        by_digits(list, &mut scratch.spare, &mut out[start..]);
     }
-    settle_ties(list, &mut scratch.ties, power);
+    settle_ties(&mut out[start..], &mut scratch.ties, power);
 }
 
-fn by_buckets(list: &mut Vec<Entry>, Scratch { spare, counts, .. }: &mut Scratch) {
+fn by_digits(list: &[Entry], spare: &mut Vec<Entry>, out: &mut [Entry]) {
     let (least, most) = list.iter().fold((Entry::MAX, 0), |(least, most), &entry| (least.min(entry), most.max(entry)));
     let (least, range) = (step(least), step(most) - step(least));
-    let shift = (32 - range.leading_zeros()).saturating_sub(bucket_bits(list.len()));
-    let bucket = |entry: Entry| ((step(entry) - least) >> shift) as usize;
-    counts.clear();
-    counts.resize((range >> shift) as usize + 1, 0);
-    for &entry in &*list {
-        counts[bucket(entry)] += 1;
+    let shift = (32 - range.leading_zeros()).saturating_sub(2 * DIGIT_BITS);
+    let digits = |entry: Entry| {
+        let upper = (step(entry) - least) >> shift;
+        [upper as usize % DIGITS, (upper >> DIGIT_BITS) as usize % DIGITS]
+    };
+    let mut places = [[0u32; DIGITS]; 2];
+    for &entry in list {
+        let [low, high] = digits(entry);
+        places[0][low] += 1;
+        places[1][high] += 1;
     }
-    let (mut start, mut crowd) = (0, 0);
-    for count in &mut *counts {
-        crowd = crowd.max(*count);
-        start += std::mem::replace(count, start);
-    }
-    spare.resize(list.len(), 0);
-    for &entry in &*list {
-        let place = &mut counts[bucket(entry)];
-        spare[*place as usize] = entry;
-        *place += 1;
-    }
-    std::mem::swap(list, spare);
-    if crowd > CROWDED {
-        // A bucket's counter is at its end now.
+    for places in &mut places {
         let mut start = 0;
-        for &end in &*counts {
-            if end - start > CROWDED {
-                list[start as usize..end as usize].sort_unstable();
-            }
-            start = end;
+        for place in places {
+            start += std::mem::replace(place, start);
         }
     }
+    spare.resize(list.len(), 0);
+    let [low, high] = &mut places;
+    scatter(list, spare, low, |entry| digits(entry)[0]);
+    scatter(spare, out, high, |entry| digits(entry)[1]);
+    insert(out);
+}
+
+/// Puts each entry at its digit's next place.
+fn scatter(from: &[Entry], to: &mut [Entry], places: &mut [u32; DIGITS], digit: impl Fn(Entry) -> usize) {
+    for &entry in from {
+        let place = &mut places[digit(entry)];
+        to[*place as usize] = entry;
+        *place += 1;
+    }
+}
+
+/// Sorts what is nearly in order.
+fn insert(list: &mut [Entry]) {
+    let mut left = MOVES * list.len();
     for i in 1..list.len() {
         let entry = list[i];
         let mut at = i;
@@ -189,6 +191,11 @@ fn by_buckets(list: &mut Vec<Entry>, Scratch { spare, counts, .. }: &mut Scratch
             at -= 1;
         }
         list[at] = entry;
+        let moved = i - at;
+        if moved > left {
+            return list.sort_unstable();
+        }
+        left -= moved;
     }
 }
 
@@ -236,9 +243,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(60))]
         #[test]
-        fn buckets_and_library_agree(
+        fn digits_and_library_agree(
             base in -1e6..1e6f64, spread in prop_oneof![Just(0.0), Just(1e-9), Just(1.0), Just(1e9)],
-            seeds in prop::collection::vec(-1.0..1.0f64, 0..BUCKETS_FROM + 3000),
+            seeds in prop::collection::vec(-1.0..1.0f64, 0..DIGITS_FROM + 3000),
             crowded in any::<bool>(), outlier in prop_oneof![Just(0.0), Just(1e12)],
         ) {
             let mut powers: Vec<f64> = seeds
@@ -251,8 +258,9 @@ mod tests {
             let mut expected: Vec<u32> = (0..powers.len() as u32).collect();
             expected.sort_by(|&a, &b| powers[a as usize].total_cmp(&powers[b as usize]).then(a.cmp(&b)));
             let mut list: Vec<Entry> = (0..).zip(&powers).map(|(id, &power)| entry(steps.of(power), id)).collect();
-            sort(&mut list, &mut Scratch::default(), |id| ordered(powers[id as usize]));
-            let found: Vec<u32> = list.into_iter().map(|entry| id(entry).0).collect();
+            let mut sorted = Vec::new();
+            append(&mut list, &mut Scratch::default(), |id| ordered(powers[id as usize]), &mut sorted);
+            let found: Vec<u32> = sorted.into_iter().map(|entry| id(entry).0).collect();
             prop_assert_eq!(found, expected);
         }
     }

@@ -131,7 +131,11 @@ impl Bodies for Standing<'_> {
     fn content(&self, object: u32) -> Content {
         let object = self.objects[object as usize] as usize;
         let triangles = 100 + (part(object, 20) * 1900.0) as u32;
-        Content { vertices: triangles / 2, triangles, translucent: u32::from(part(object, 21) < 0.05) }
+        let radius = self.balls[object].radius;
+        // A cube in the ball.
+        let area = (2.0 * radius * radius) as f32;
+        let translucent = if part(object, 21) < 0.05 { area / PIECES as f32 } else { 0.0 };
+        Content { vertices: triangles / 2, triangles, area, textured: 0.0, translucent }
     }
 }
 

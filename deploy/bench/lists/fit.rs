@@ -1,7 +1,7 @@
 //! Finds the numbers of the cost model: draws the benchmark scenes from poses along their paths on one thread, and fits the times of whole frames to what the
 //! model knows of them before they are drawn.
 
-use crate::bench::{look, spread};
+use crate::bench::{PEER_BACKGROUND, look, spread};
 use crate::cli::{AirArgs, ListsArgs};
 use crate::error::CommandError;
 use crate::in_process::InProcess;
@@ -43,11 +43,12 @@ pub(super) fn fit(args: &ListsArgs) -> Result<(), CommandError> {
     let judged = error_of(numbers, &half(1));
     let scenes: Vec<_> = by_scene.iter().map(|(name, rows)| (*name, error_of(numbers, rows))).collect();
     let now = CostModel::MEASURED;
-    let built_in = error_of([now.vertex, now.triangle, now.pixel, now.layer], &all);
+    let built_in = error_of([now.vertex, now.triangle, now.pixel, now.textured, now.layer], &all);
     if args.json {
         let report = serde_json::json!({
             "bench": "lists-fit", "frames": all.len(), "model_ns": model, "rms_relative_fitted": error,
             "rms_relative_judged": judged, "rms_relative_by_scene": scenes, "rms_relative_of_built_in": built_in,
+            "rows": by_scene,
         });
         say(&report.to_string());
     } else {
@@ -69,8 +70,10 @@ fn measure(source: &Source) -> Result<Vec<Row>, CommandError> {
     let mut drawer = InProcess::new(&source.scene, NonZeroUsize::MIN, DetailMode::Auto)?;
     let mut out = TilePictures::new();
     let mut rows = Vec::new();
+    // A sky takes longer than what stands before it, and is no object's.
+    let air = AirArgs { background: Some(PEER_BACKGROUND), ..AirArgs::default() };
     for pose in spread(&source.camera, POSES) {
-        let (state, view) = look(pose, SIZE, &AirArgs::default(), Samples::Sixteen)?;
+        let (state, view) = look(pose, SIZE, &air, Samples::Sixteen)?;
         drawer.select(pose, &state, &view)?;
         let mut least = f64::INFINITY;
         // The fastest of three: what else the machine does is not the scene's.
@@ -98,7 +101,8 @@ fn terms(scene: &Scene, drawer: &InProcess<'_>, state: &FrameState, view: &View)
         let terms = [
             f64::from(content.vertices),
             f64::from(content.triangles),
-            covered,
+            covered * f64::from(content.area),
+            covered * f64::from(content.textured),
             covered * f64::from(content.translucent),
         ];
         sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
