@@ -197,7 +197,13 @@ impl TileFaces {
         corner: [i32; 2],
         fine: &FineFace,
     ) -> [f32; 4] {
-        if let Look::ByNormal(index) = self.look(frame, rect, place, number)
+        let face = match self.look(frame, rect, place, number) {
+            Look::Constant(colour, _) => return colour,
+            Look::ByNormal(index) => Some(self.normals[index as usize]),
+            // Also what is too thin for the quick way.
+            Look::General => plain(frame, number),
+        };
+        if let Some(face) = face
             && let Some(normals) = vertex_normals(frame, number)
         {
             let weights = fine.weights(fine.shading_point(corner.map(|c| f64::from(c / SUBPIXELS))));
@@ -207,7 +213,7 @@ impl TileFaces {
                 (sum / total) as f32
             });
             if total > 0.0 {
-                return self.normals[index as usize].lit(frame, normal);
+                return face.lit(frame, normal);
             }
         }
         self.colour(frame, rect, place, number, corner)
@@ -277,9 +283,9 @@ fn vertex_normals(frame: &Frame<'_>, number: u32) -> Option<[[f32; 4]; 3]> {
     Some(normals)
 }
 
-/// What the quick ways need of a face, if one of them will do.
+/// What light makes of a face, without its normals; `None` unless these and its material are all that its colour depends on.
 #[inline(always)]
-fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
+fn plain(frame: &Frame<'_>, number: u32) -> Option<ByNormal> {
     let triangle = frame.triangle(number);
     let item = &frame.items[triangle.item as usize];
     let mesh = &item.stored.mesh;
@@ -293,11 +299,18 @@ fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
     if !material.base_color.iter().chain(&material.emissive).all(is_modest) || !frame.sun.is_modest() {
         return None;
     }
-    let [a, b, c] = vertex_normals(frame, number)?;
-    let [r, g, b_, alpha] = material.base_color;
-    let base = [r, g, b_, alpha];
     let [er, eg, eb] = material.emissive;
-    let mut face = ByNormal { normal: a, right: [0.0; 4], down: [0.0; 4], base, emissive: [er, eg, eb, 0.0] };
+    let none = [0.0; 4];
+    Some(ByNormal { normal: none, right: none, down: none, base: material.base_color, emissive: [er, eg, eb, 0.0] })
+}
+
+/// What the quick ways need of a face, if one of them will do.
+#[inline(always)]
+fn quick(frame: &Frame<'_>, rect: PixelRect, number: u32) -> Option<Quick> {
+    let triangle = frame.triangle(number);
+    let mut face = plain(frame, number)?;
+    let [a, b, c] = vertex_normals(frame, number)?;
+    face.normal = a;
     if a == b && a == c {
         return Some(Quick::Constant(face.at(frame, [0.0; 2])));
     }
