@@ -424,6 +424,10 @@ pub(crate) enum BenchCommand {
     Flight(FlightArgs),
     /// What travels on a rig's links: list changes with a moving eye, and a still scene's bytes and processor time
     Wire(WireArgs),
+    /// How long a flying rig takes to notice that a board has gone, to be whole again, and to take one in
+    Chain(ChainArgs),
+    /// How long it takes from the host's packet to the swap, in real time
+    Latency(LatencyArgs),
     /// Time to import a scene, beside that to open what was baked from it
     Open(OpenArgs),
     /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
@@ -588,6 +592,75 @@ pub(crate) struct WireArgs {
     pub frames: u64,
     /// How long the still scene is watched, s
     #[arg(long, default_value = "10", value_name = "S", value_parser = positive)]
+    pub seconds: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama bench chain --json\n  cyclorama bench chain --kills 10 --silent 5 --leaves 5 --stalls 5 --restarts 1"
+)]
+pub(crate) struct ChainArgs {
+    /// A glTF file, a baked file, or the name of a built-in scene
+    #[arg(default_value = "city")]
+    pub scene: String,
+    /// How many views
+    #[arg(long, default_value = "3", value_name = "N", value_parser = views)]
+    pub views: NonZeroU32,
+    /// How many boards
+    #[arg(long, default_value = "3", value_name = "N", value_parser = boards)]
+    pub boards: NonZeroUsize,
+    /// Size of each view, pixels; small, for all boards share this machine
+    #[arg(long, default_value = "96x54", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Frames a second
+    #[arg(long, default_value = "60", value_name = "HZ", value_parser = positive)]
+    pub rate: f64,
+    /// How often a board is killed
+    #[arg(long, default_value = "200", value_name = "N")]
+    pub kills: usize,
+    /// How often a board falls silent without closing its links
+    #[arg(long, default_value = "50", value_name = "N")]
+    pub silent: usize,
+    /// How often a board is asked to leave
+    #[arg(long, default_value = "50", value_name = "N")]
+    pub leaves: usize,
+    /// How often a board is stopped for two frame periods while all cores are busy
+    #[arg(long, default_value = "50", value_name = "N")]
+    pub stalls: usize,
+    /// How often the manager is killed and started again
+    #[arg(long, default_value = "5", value_name = "N")]
+    pub restarts: usize,
+    /// Which boards, and when, follows from this number
+    #[arg(long, default_value = "1", value_name = "N")]
+    pub seed: u64,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench latency city --seconds 60")]
+pub(crate) struct LatencyArgs {
+    /// A glTF file, a baked file, or the name of a built-in scene
+    #[arg(default_value = "city")]
+    pub scene: String,
+    /// How many views
+    #[arg(long, default_value = "3", value_name = "N", value_parser = views)]
+    pub views: NonZeroU32,
+    /// How many boards
+    #[arg(long, default_value = "3", value_name = "N", value_parser = boards)]
+    pub boards: NonZeroUsize,
+    /// Size of each view, pixels; small, for all boards share this machine
+    #[arg(long, default_value = "96x54", value_name = "WxH", value_parser = size)]
+    pub size: (u32, u32),
+    /// Frames a second
+    #[arg(long, default_value = "60", value_name = "HZ", value_parser = positive)]
+    pub rate: f64,
+    /// How long it flies, s
+    #[arg(long, default_value = "600", value_name = "S", value_parser = positive)]
     pub seconds: f64,
     /// Print JSON
     #[arg(long)]

@@ -38,6 +38,8 @@ fn main() -> ExitCode {
         Command::Bench(BenchCommand::Lists(args)) => bench::lists(&args),
         Command::Bench(BenchCommand::Flight(args)) => bench::flight(&args),
         Command::Bench(BenchCommand::Wire(args)) => bench::wire(&args),
+        Command::Bench(BenchCommand::Chain(args)) => bench::chain(&args),
+        Command::Bench(BenchCommand::Latency(args)) => bench::latency(&args),
         Command::Bench(BenchCommand::Open(args)) => bench::open(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
     };

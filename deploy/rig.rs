@@ -31,9 +31,7 @@ pub(crate) fn run(args: &RigArgs) -> Result<(), CommandError> {
     let source = source::load(&args.scene, args.camera.as_deref())?;
     let poses = source.camera.poses.len() as u64;
     let folder = tempfile::tempdir().map_err(|error| CommandError::said(format!("no temporary folder: {error}")))?;
-    let camera = folder.path().join("camera.json");
-    let text = serde_json::to_string(&source.camera).map_err(|error| CommandError::said(error.to_string()))?;
-    std::fs::write(&camera, text).map_err(|error| CommandError::file(&camera, error))?;
+    let camera = source.camera_file(folder.path())?;
     drop(source);
     // With pictures to write, the flight is flown once unless a number says otherwise.
     let frames = args.frames.or(args.out.as_ref().map(|_| poses));

@@ -13,6 +13,16 @@ pub(crate) struct Source {
     pub camera: CameraFile,
 }
 
+impl Source {
+    /// Writes the camera path into a folder, as a file that other processes can read; returns its path.
+    pub(crate) fn camera_file(&self, folder: &Path) -> Result<PathBuf, CommandError> {
+        let path = folder.join("camera.json");
+        let text = serde_json::to_string(&self.camera).map_err(|error| CommandError::said(error.to_string()))?;
+        std::fs::write(&path, text).map_err(|error| CommandError::file(&path, error))?;
+        Ok(path)
+    }
+}
+
 /// Loads the scene that `name` is: a built-in scene, a glTF or a baked file; and the camera file, or what stands in for it.
 pub(crate) fn load(name: &str, camera: Option<&Path>) -> Result<Source, CommandError> {
     let (scene, own_camera) = load_scene(name)?;

@@ -3,11 +3,15 @@
 //! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
 //! those that draw in it, turn by turn, `flight` draws one path for long, `lists` selects from made-up worlds, `open` opens scenes, `instructions` counts
 //! what times can't tell on a busy machine, `truth` says how far their pictures are from the reference, `peer` is the process
-//! that llvmpipe draws in; `wire` flies real rigs and counts what travels.
+//! that llvmpipe draws in; `wire` flies real rigs and counts what travels; `chain` takes the boards of one away and brings others, which `fleet` starts; `latency`
+//! lets such a rig fly and says how long it takes from packet to swap.
 
+mod chain;
 mod entrant;
+mod fleet;
 mod flight;
 mod instructions;
+mod latency;
 mod lists;
 mod open;
 mod peer;
@@ -15,7 +19,9 @@ mod pixels;
 mod truth;
 mod wire;
 
+pub(crate) use chain::chain;
 pub(crate) use flight::flight;
+pub(crate) use latency::latency;
 pub(crate) use lists::lists;
 pub(crate) use open::open;
 pub(crate) use peer::peer;

@@ -66,11 +66,7 @@ pub(crate) fn open(args: &OpenArgs) -> Result<(), CommandError> {
         let Spread { min, median, max } = ms;
         say(&format!("{scene:<16} {how:<10} {bytes:>12} {triangles:>10} {min:>9.2} {median:>9.2} {max:>9.2}"));
     }
-    for figure in &figures {
-        let value = figure.value.map_or("-".into(), |value| format!("{value:.2} {}", figure.unit));
-        let met = figure.met.map_or("not measured", |met| if met { "met" } else { "missed" });
-        say(&format!("{} {value} (target {}): {met}", figure.figure, figure.target));
-    }
+    figures.iter().for_each(|figure| say(&figure.to_string()));
     Ok(())
 }
 

@@ -39,11 +39,11 @@ pub(crate) fn wire(args: &WireArgs) -> Result<(), CommandError> {
     };
     let figures = figures(&row);
     let shown = row.to_string();
-    let report = Report::new("wire", vec![row], figures);
     if args.json {
-        say(&serde_json::to_string(&report).map_err(said)?);
+        say(&serde_json::to_string(&Report::new("wire", vec![row], figures)).map_err(said)?);
     } else {
         say(shown.trim_end());
+        figures.iter().for_each(|figure| say(&figure.to_string()));
     }
     Ok(())
 }

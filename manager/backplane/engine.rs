@@ -92,6 +92,8 @@ struct Board {
     is_leaving: bool,
     /// Whether its link has been cut: what it still says doesn't count.
     is_out: bool,
+    /// Whether a frame has been shown that it drew a part of.
+    draws: bool,
 }
 
 impl Board {
@@ -109,6 +111,7 @@ impl Board {
             has_joined: false,
             is_leaving: false,
             is_out: false,
+            draws: false,
         }
     }
 }
@@ -159,6 +162,8 @@ pub(crate) struct Engine {
     /// What the last frame's pixels are.
     format: PixelFormat,
     first_open: Option<Time>,
+    /// Since when some view can't be whole, and how many frames there were by then; `None`: all is well.
+    broken: Option<(Time, u64)>,
     picture: Option<(FrameNumber, Bytes)>,
     picture_wanted: Option<Time>,
     picture_made: Option<Time>,
@@ -200,6 +205,7 @@ impl Engine {
             last_swap: None,
             format: PixelFormat::default(),
             first_open: None,
+            broken: None,
             picture: None,
             picture_wanted: None,
             picture_made: None,
@@ -377,6 +383,9 @@ impl Engine {
             }
             let event = if board.is_leaving { "left" } else { "lost" };
             self.log(event, format!("board {} ({key:?}): {reason}", board.name));
+            if board.draws && !board.is_leaving {
+                self.broken.get_or_insert((now, self.statistics.late_frames));
+            }
         } else if self.compositor.as_ref().is_some_and(|compositor| compositor.key == key) {
             self.compositor = None;
             match self.clock.presenting_frame() {
@@ -532,9 +541,29 @@ impl Engine {
             None if self.config.wait_for_compositor => self.clock.on_missing(swap.frame),
             None => self.clock.on_presented(swap.frame),
         }
+        if !late {
+            self.on_whole(now, &swap);
+        }
         self.last_swap = Some(swap);
         if !self.is_lock_step() || self.compositor.is_none() {
             self.answer();
+        }
+    }
+
+    /// A swap of which all views are whole: takes note of who drew in it for the first time, and of the end of what a lost board has caused.
+    fn on_whole(&mut self, now: Time, swap: &Swap) {
+        if let Some((since, late)) = self.broken.take() {
+            let (ms, frames) = (now.since(since).as_secs_f64() * 1e3, self.statistics.late_frames - late);
+            self.log(
+                "whole",
+                format!("{:?}: all views again, after {ms:.1} ms and {frames} frames with repeated views", swap.frame),
+            );
+        }
+        for key in &swap.boards {
+            let Some(board) = self.boards.get_mut(key).filter(|board| !board.draws) else { continue };
+            board.draws = true;
+            let (name, ms) = (board.name.clone(), now.since(board.since).as_secs_f64() * 1e3);
+            self.log("draws", format!("board {name} ({key:?}), {ms:.0} ms after it connected"));
         }
     }
 
@@ -546,6 +575,7 @@ impl Engine {
         let count = |bytes: &AtomicU64| bytes.load(Ordering::Relaxed);
         let (to_boards, from_boards) = (count(&self.traffic.to_boards), count(&self.traffic.from_boards));
         self.statistics.report(Present {
+            time: self.started.elapsed(),
             views: self.director.views().len() as u32,
             boards: self.chain.len(),
             epochs: self.chain.epoch().0,

@@ -53,7 +53,7 @@ pub struct EventEntry {
     pub time_s: f64,
     /// The frame that was to open next.
     pub frame: u64,
-    /// `joined`, `left`, `lost`, `refused`, `put out`, …
+    /// `joined`, `draws`, `left`, `lost`, `whole`, `refused`, `put out`, …
     pub event: &'static str,
     /// Who and why.
     pub detail: String,
@@ -153,6 +153,7 @@ pub struct LinkBytes {
 /// What a report says of the present.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Present {
+    pub time: Duration,
     pub views: u32,
     pub boards: usize,
     pub epochs: u64,
@@ -195,6 +196,8 @@ pub struct Report {
     pub late_frames: u64,
     /// Views that repeated.
     pub repeated_views: u64,
+    /// When this was said, in seconds since the manager's start: the clock of events.
+    pub time_s: f64,
     /// Seconds since the first frame opened.
     pub seconds: f64,
     /// How many nominal periods a frame takes at present.
@@ -286,7 +289,7 @@ impl Statistics {
     }
 
     pub(crate) fn report(&self, present: Present) -> Report {
-        let Present { views, boards, epochs, divider, seconds, link_bytes, scene_bytes, memory } = present;
+        let Present { time, views, boards, epochs, divider, seconds, link_bytes, scene_bytes, memory } = present;
         let per_frame = |sum: u64| (sum as f64 / self.frames.max(1) as f64 * 10.0).round() / 10.0;
         Report {
             frames: self.frames,
@@ -295,6 +298,7 @@ impl Statistics {
             epochs,
             late_frames: self.late_frames,
             repeated_views: self.repeated_views,
+            time_s: time.as_secs_f64(),
             seconds: (seconds * 1e3).round() / 1e3,
             rate_divider: divider,
             frame_ms: self.frame.summary(),

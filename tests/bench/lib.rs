@@ -3,14 +3,17 @@
 //! A report names the machine and the commit, so that a kept result can be traced. Times never decide anything here: a
 //! figure that misses its target is printed as missed.
 
+pub mod chain;
 pub mod chart;
 mod date;
+pub mod latency;
 pub mod lists;
 pub mod memory;
 pub mod pixels;
 pub mod wire;
 
 use serde::Serialize;
+use std::fmt;
 use std::process::Command;
 
 /// Smallest, middle and largest of some values.
@@ -53,6 +56,23 @@ pub struct Figure {
     /// Why there is no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
+}
+
+/// One line of a table: name, value, unit, target, and whether it is met or why it isn't known.
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let verdict = match (self.met, &self.why) {
+            (Some(true), _) => "met",
+            (Some(false), _) => "missed",
+            (None, Some(why)) => why,
+            (None, None) => "",
+        };
+        let value = self.value.map_or("-".into(), |value| match value {
+            value if value != 0.0 && value.abs() < 1e-3 => format!("{value:.2e}"),
+            value => format!("{value:.3}"),
+        });
+        write!(f, "{:<28} {value:>10} {:<10} {:<8} {verdict}", self.figure, self.unit, self.target)
+    }
 }
 
 /// A figure that is to be no more than a limit.

@@ -92,10 +92,7 @@ pub fn table(rows: &[Row], figures: &[Figure]) -> String {
     }
     let _ = writeln!(out);
     for figure in figures {
-        let value = figure.value.map_or_else(|| "-".into(), |value| format!("{value:.3} {}", figure.unit));
-        let met = figure.met.map_or("", |met| if met { "met" } else { "missed" });
-        let why = figure.why.as_deref().unwrap_or_default();
-        let _ = writeln!(out, "{:<26} {:>16}  {:<8} {met}{why}", figure.figure, value, figure.target);
+        let _ = writeln!(out, "{figure}");
     }
     out
 }

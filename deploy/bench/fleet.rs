@@ -1,0 +1,269 @@
+//! A rig in real time whose processes a benchmark starts, kills, stops and adds one by one.
+//!
+//! Its children end with their stdin, as those of `rig` do, so none outlives the benchmark. What happens is read from the manager's own log of
+//! events; its clock is brought to ours with every reading, to within half of what the reading took.
+
+use crate::error::CommandError;
+use crate::serve::ManagerLine;
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A rig that doesn't do what it should after this long doesn't work.
+pub(super) const HANG: Duration = Duration::from_secs(60);
+/// How often the statistics are read while something is awaited: seldom enough to be no load.
+const LOOK_PERIOD: Duration = Duration::from_millis(25);
+
+/// What is flown.
+#[derive(Clone, Debug)]
+pub(super) struct Plan<'a> {
+    pub(super) scene: &'a str,
+    pub(super) camera: &'a Path,
+    pub(super) views: u32,
+    pub(super) boards: usize,
+    pub(super) size: (u32, u32),
+    pub(super) rate: f64,
+}
+
+/// A board's process.
+#[derive(Debug)]
+pub(super) struct Board {
+    pub(super) name: String,
+    child: Child,
+}
+
+/// The processes of a rig.
+#[derive(Debug)]
+pub(super) struct Fleet<'a> {
+    plan: Plan<'a>,
+    manager: Child,
+    others: Vec<Child>,
+    pub(super) boards: Vec<Board>,
+    backplane: SocketAddr,
+    pose: SocketAddr,
+    console: SocketAddr,
+    named: usize,
+}
+
+/// The manager's statistics, and our time when they were made.
+#[derive(Clone, Debug)]
+pub(super) struct Look {
+    value: Value,
+    /// When the manager's clock was zero, by ours.
+    zero: Instant,
+}
+
+/// A line of the manager's log.
+#[derive(Clone, Debug)]
+pub(super) struct Event {
+    pub(super) at: Instant,
+    pub(super) event: String,
+    pub(super) detail: String,
+}
+
+impl Look {
+    /// A number of the statistics.
+    pub(super) fn count(&self, path: &str) -> u64 {
+        self.value.pointer(path).and_then(Value::as_u64).unwrap_or(0)
+    }
+
+    /// Likewise.
+    pub(super) fn number(&self, path: &str) -> Option<f64> {
+        self.value.pointer(path)?.as_f64()
+    }
+
+    /// What was logged after a moment, less the millisecond to which the log is rounded.
+    pub(super) fn events_since(&self, since: Instant) -> Vec<Event> {
+        let events = self.value["events"].as_array().map_or(&[][..], Vec::as_slice);
+        let read = |event: &Value| {
+            let text = |name: &str| event[name].as_str().unwrap_or_default().to_owned();
+            let at = self.zero + Duration::from_secs_f64(event["time_s"].as_f64()?.max(0.0));
+            Some(Event { at, event: text("event"), detail: text("detail") })
+        };
+        let after = |event: &Event| event.at + Duration::from_millis(1) >= since;
+        events.iter().filter_map(read).filter(after).collect()
+    }
+}
+
+impl<'a> Fleet<'a> {
+    /// Starts manager, compositor, host and boards, and waits until all boards draw.
+    pub(super) fn start(plan: Plan<'a>) -> Result<Self, CommandError> {
+        let (manager, [backplane, pose, console]) = manager(&plan, [any(), any(), any()], true)?;
+        let mut fleet =
+            Self { plan, manager, others: Vec::new(), boards: Vec::new(), backplane, pose, console, named: 0 };
+        let compositor = own(&["compositor", "--backplane", &fleet.backplane.to_string()])?.spawn().map_err(said)?;
+        fleet.others.push(compositor);
+        let size = format!("{}x{}", fleet.plan.size.0, fleet.plan.size.1);
+        let rate = fleet.plan.rate.to_string();
+        let mut host = own(&["host", "play"])?;
+        host.arg(fleet.plan.camera).args([
+            "--to",
+            &fleet.pose.to_string(),
+            "--size",
+            &size,
+            "--rate",
+            &rate,
+            "--repeat",
+        ]);
+        fleet.others.push(host.spawn().map_err(said)?);
+        for _ in 0..fleet.plan.boards {
+            fleet.add()?;
+        }
+        fleet.wait("all boards draw", |look| {
+            let drawing = look.events_since(look.zero).iter().filter(|event| event.event == "draws").count();
+            drawing >= fleet.plan.boards
+        })?;
+        Ok(fleet)
+    }
+
+    /// Starts another board.
+    pub(super) fn add(&mut self) -> Result<(), CommandError> {
+        let name = format!("b{}", self.named);
+        self.named += 1;
+        let backplane = self.backplane.to_string();
+        let mut board = own(&["channel", "--backplane", &backplane, "--name", &name, "--threads", "1"])?;
+        board.args(["--memory-limit", "2048"]);
+        // It stays when the manager goes, and ends with its stdin all the same.
+        let child = board.spawn().map_err(said)?;
+        self.boards.push(Board { name, child });
+        Ok(())
+    }
+
+    /// Sends a board's process a signal; returns when.
+    pub(super) fn signal(&self, board: usize, signal: Signal) -> Result<Instant, CommandError> {
+        let pid = i32::try_from(self.boards[board].child.id()).ok().and_then(Pid::from_raw);
+        let now = Instant::now();
+        kill_process(pid.ok_or_else(|| said("a board has no process number"))?, signal).map_err(said)?;
+        Ok(now)
+    }
+
+    /// Takes a board out of the list; its process is killed if it still runs.
+    pub(super) fn forget(&mut self, board: usize) {
+        end(&mut self.boards.remove(board).child);
+    }
+
+    /// Kills the manager; returns when.
+    pub(super) fn kill_manager(&mut self) -> Instant {
+        let now = Instant::now();
+        end(&mut self.manager);
+        now
+    }
+
+    /// Starts a manager where the last one was.
+    pub(super) fn restart_manager(&mut self) -> Result<(), CommandError> {
+        let addresses = [self.backplane, self.pose, self.console];
+        (self.manager, _) = manager(&self.plan, addresses, false)?;
+        Ok(())
+    }
+
+    /// Reads the statistics.
+    pub(super) fn look(&self) -> Result<Look, CommandError> {
+        let before = Instant::now();
+        let mut stream = TcpStream::connect(self.console).map_err(said)?;
+        stream.set_read_timeout(Some(HANG)).map_err(said)?;
+        write!(stream, "GET /api/v1/stats HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").map_err(said)?;
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).map_err(said)?;
+        let middle = before + before.elapsed() / 2;
+        let (_, body) = answer.split_once("\r\n\r\n").ok_or_else(|| said("the console's answer has no body"))?;
+        let value: Value = serde_json::from_str(body).map_err(said)?;
+        let time = value["time_s"].as_f64().ok_or_else(|| said("the statistics have no time"))?;
+        let zero = middle.checked_sub(Duration::from_secs_f64(time));
+        Ok(Look { value, zero: zero.ok_or_else(|| said("the statistics' time is not of today"))? })
+    }
+
+    /// Looks until something holds.
+    pub(super) fn wait(&self, what: &str, holds: impl Fn(&Look) -> bool) -> Result<Look, CommandError> {
+        let started = Instant::now();
+        loop {
+            // While a manager is away its console is.
+            if let Ok(look) = self.look()
+                && holds(&look)
+            {
+                return Ok(look);
+            }
+            if started.elapsed() > HANG {
+                return Err(said(format!("waited in vain until {what}")));
+            }
+            std::thread::sleep(LOOK_PERIOD);
+        }
+    }
+
+    /// Waits for an event after a moment, of this board if it is named; returns it and the statistics that had it.
+    pub(super) fn event(&self, name: &str, board: Option<&str>, since: Instant) -> Result<(Event, Look), CommandError> {
+        let of_board = board.map(|board| format!("board {board} "));
+        let find = |look: &Look| {
+            look.events_since(since).into_iter().find(|event| {
+                event.event == name && of_board.as_ref().is_none_or(|start| event.detail.starts_with(start.as_str()))
+            })
+        };
+        let look = self.wait(&format!("{name:?} was logged"), |look| find(look).is_some())?;
+        let event = find(&look).ok_or_else(|| said("an event is gone"))?;
+        Ok((event, look))
+    }
+}
+
+impl Drop for Fleet<'_> {
+    fn drop(&mut self) {
+        for board in &mut self.boards {
+            end(&mut board.child);
+        }
+        self.others.iter_mut().for_each(end);
+        end(&mut self.manager);
+    }
+}
+
+/// Kills a process, and waits for it.
+fn end(child: &mut Child) {
+    // It may have ended by itself.
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+fn any() -> SocketAddr {
+    SocketAddr::from(([127, 0, 0, 1], 0))
+}
+
+/// Starts a manager that listens there, for boards, poses and browsers; returns where it does.
+fn manager(plan: &Plan<'_>, at: [SocketAddr; 3], waits: bool) -> Result<(Child, [SocketAddr; 3]), CommandError> {
+    let [backplane, pose, console] = at.map(|address| address.to_string());
+    let mut command = own(&["manager", "--listen", &backplane, "--pose-listen", &pose, "--console", &console])?;
+    command.args(["--scene", plan.scene, "--camera"]).arg(plan.camera).args(["--views", &plan.views.to_string()]);
+    command.args(["--size", &format!("{}x{}", plan.size.0, plan.size.1), "--samples", "1"]);
+    command.args(["--rate", &plan.rate.to_string()]);
+    if waits {
+        command.args(["--wait-for-boards", &plan.boards.to_string(), "--wait-for-compositor"]);
+    }
+    let mut child = command.stdout(Stdio::piped()).spawn().map_err(said)?;
+    let stdout = child.stdout.take().ok_or_else(|| said("the manager has no stdout"))?;
+    let mut lines = BufReader::new(stdout).lines().map_while(Result::ok);
+    let first = lines.next().and_then(|line| serde_json::from_str(&line).ok());
+    // Keeps the pipe open and empty.
+    std::thread::spawn(move || lines.for_each(drop));
+    match first {
+        Some(ManagerLine::Listening { backplane, pose, console: Some(console) }) => {
+            Ok((child, [backplane, pose, console]))
+        }
+        _ => {
+            end(&mut child);
+            Err(said("the manager did not start; its message is above"))
+        }
+    }
+}
+
+fn own(args: &[&str]) -> Result<Command, CommandError> {
+    let mut command = Command::new(std::env::current_exe().map_err(said)?);
+    command.args(args).arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::null());
+    if std::env::var_os("CYCLORAMA_LOG").is_none() {
+        command.env("CYCLORAMA_LOG", "error");
+    }
+    Ok(command)
+}
+
+pub(super) fn said(error: impl std::fmt::Display) -> CommandError {
+    CommandError::said(error.to_string())
+}
