@@ -9,6 +9,7 @@
 //!
 //! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again.
 
+use crate::manifest::Manifest;
 use crate::sinks::{FileKind, Files, Picture, SinkError, preview};
 use crate::stitch::Stitcher;
 use bytes::Bytes;
@@ -45,6 +46,8 @@ pub struct Config {
     pub listen: SocketAddr,
     /// Folder for files of every frame, and their kind.
     pub out: Option<(PathBuf, FileKind)>,
+    /// File that is to say of each frame what it was, a line each.
+    pub manifest: Option<PathBuf>,
     /// End when the rig ends, instead of waiting for the next one.
     pub once: bool,
 }
@@ -102,12 +105,17 @@ pub async fn run(
         Some((folder, kind)) => Some(Files::new(folder.clone(), *kind)?),
         None => None,
     };
+    let mut manifest = match &config.manifest {
+        Some(path) => Some(Manifest::create(path)?),
+        None => None,
+    };
     let format = config.out.as_ref().map_or(PixelFormat::Srgb8, |(_, kind)| kind.format());
     let mut stitcher = Stitcher::new(format);
     let mut links = Links::new();
     let mut backoff = Backoff::new(u64::from(std::process::id()));
     let result = loop {
-        let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, files.as_ref(), &mut backoff);
+        let sinks = (files.as_ref(), manifest.as_mut());
+        let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, sinks, &mut backoff);
         let end = tokio::select! {
             end = session => end,
             () = shutdown.cancelled() => End::Shutdown,
@@ -139,7 +147,7 @@ async fn session(
     stitcher: &mut Stitcher,
     links: &mut Links,
     inbox: &mut mpsc::Receiver<Event>,
-    files: Option<&Files>,
+    (files, mut manifest): (Option<&Files>, Option<&mut Manifest>),
     backoff: &mut Backoff,
 ) -> End {
     let mut backplane = match tokio::time::timeout(GREETING_TIMEOUT, greet(config, address, stitcher.format())).await {
@@ -165,6 +173,11 @@ async fn session(
                         tracing::error!("the views make a picture too large to stitch");
                     }
                 }
+                Ok(Some((ToCompositor::Record { frame, record }, _))) => {
+                    if let Some(manifest) = &mut manifest {
+                        manifest.on_record(frame, record);
+                    }
+                }
                 Ok(Some((ToCompositor::Swap(swap), _))) => stitcher.on_swap(swap),
                 Ok(Some((ToCompositor::Goodbye, _))) => return End::Goodbye,
             },
@@ -182,6 +195,11 @@ async fn session(
         let started = Instant::now();
         while let Some(shown) = stitcher.poll() {
             let stitch_ns = started.elapsed().as_nanos() as u64;
+            if let Some(manifest) = &mut manifest
+                && let Err(error) = manifest.write(&shown, stitcher)
+            {
+                return End::Failed(error.into());
+            }
             if files.is_some() || shown.preview {
                 let (width, height) = stitcher.size();
                 let (format, pixels) = (stitcher.format(), stitcher.canvas().to_vec());
@@ -216,7 +234,10 @@ async fn greet(
     let ip = if address.ip().is_unspecified() { stream.local_addr()?.ip() } else { address.ip() };
     let listen = SocketAddr::new(ip, address.port()).to_string();
     let mut backplane = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-    let hello = Hello { name: "compositor".into(), role: Role::Compositor { listen, format } };
+    let hello = Hello {
+        name: "compositor".into(),
+        role: Role::Compositor { listen, format, records: config.manifest.is_some() },
+    };
     link::send(&mut backplane, &hello, &[]).await?;
     match link::expect(&mut backplane).await?.0 {
         ToCompositor::Refused { reason } => Ok(Err(reason)),

@@ -114,7 +114,7 @@ pub struct SinkError {
 }
 
 impl SinkError {
-    fn new(path: &Path, what: impl ToString) -> Self {
+    pub(crate) fn new(path: &Path, what: impl ToString) -> Self {
         Self { path: path.display().to_string(), what: what.to_string() }
     }
 }

@@ -10,7 +10,7 @@
 
 use bytes::Bytes;
 use proto::codec::CodecError;
-use proto::frame::{PixelFormat, TileIndex};
+use proto::frame::{PixelFormat, TileIndex, tile_grid};
 use proto::ids::{BoardKey, Epoch, FrameNumber, ViewId};
 use proto::message::{Swap, split_tiles};
 use proto::view::ViewSetup;
@@ -61,6 +61,8 @@ pub struct Shown {
     pub frame: FrameNumber,
     /// Whether the console wants it.
     pub preview: bool,
+    /// By view: whether it is new; else it repeats.
+    pub complete: Vec<bool>,
     /// Number of tiles that changed.
     pub tiles: usize,
     /// Swaps that were passed over.
@@ -120,6 +122,25 @@ impl Stitcher {
     /// The stitched picture, row-major, tightly packed.
     pub fn canvas(&self) -> &[u8] {
         &self.canvas
+    }
+
+    /// By view: the hashes of its tiles, row by row from the upper left.
+    pub fn tile_hashes(&self) -> Vec<Vec<blake3::Hash>> {
+        let hash_of = |placed: &Placed, tile: TileIndex| {
+            let (rect, bytes) = (tile.rect(placed.width, placed.height), self.format.bytes());
+            let mut hasher = blake3::Hasher::new();
+            for y in rect.y0..rect.y1 {
+                let at = ((placed.y + y) as usize * self.width as usize + (placed.x + rect.x0) as usize) * bytes;
+                hasher.update(&self.canvas[at..at + rect.width() as usize * bytes]);
+            }
+            hasher.finalize()
+        };
+        let of_view = |placed: &Placed| {
+            let (columns, rows) = tile_grid(placed.width, placed.height);
+            let tiles = (0..rows).flat_map(|y| (0..columns).map(move |x| TileIndex { x: x as u16, y: y as u16 }));
+            tiles.map(|tile| hash_of(placed, tile)).collect()
+        };
+        self.views.iter().map(of_view).collect()
     }
 
     /// A board's link is up; whatever an earlier link of it brought is forgotten, for it sends all its tiles anew.
@@ -219,7 +240,8 @@ impl Stitcher {
             tiles += run.tiles.len();
             self.lay(run);
         }
-        Some(Shown { frame: swap.frame, preview: swap.preview, tiles, skipped: newest })
+        let Swap { frame, complete, preview, .. } = swap;
+        Some(Shown { frame, preview, complete, tiles, skipped: newest })
     }
 
     fn is_satisfied(&self, swap: &Swap) -> bool {

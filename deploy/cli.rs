@@ -177,6 +177,9 @@ pub(crate) struct RigArgs {
     /// What frames are written as: png (sRGB, 8 bits), exr (linear, unclamped) or rgb (bare pixels)
     #[arg(long, default_value = "png", value_parser = file_kind, value_name = "KIND")]
     pub format: compositor::sinks::FileKind,
+    /// Write a line for each frame into this file: its number, what it depends on, and the hash of each tile; pose k is then frame k
+    #[arg(long, value_name = "FILE")]
+    pub manifest: Option<PathBuf>,
     /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
@@ -308,6 +311,9 @@ pub(crate) struct CompositorArgs {
     /// What frames are written as: png (sRGB, 8 bits), exr (linear, unclamped) or rgb (bare pixels)
     #[arg(long, default_value = "png", value_parser = file_kind, value_name = "KIND")]
     pub format: compositor::sinks::FileKind,
+    /// Write a line for each frame into this file: its number, what it depends on, and the hash of each tile
+    #[arg(long, value_name = "FILE")]
+    pub manifest: Option<PathBuf>,
     /// Allow addresses other than loopback although links are neither encrypted nor authenticated
     #[arg(long)]
     pub insecure: bool,

@@ -34,7 +34,7 @@ pub(crate) fn run(args: &RigArgs) -> Result<(), CommandError> {
     let camera = source.camera_file(folder.path())?;
     drop(source);
     // With pictures to write, the flight is flown once unless a number says otherwise.
-    let frames = args.frames.or(args.out.as_ref().map(|_| poses));
+    let frames = args.frames.or(is_writing(args).then_some(poses));
     runtime(1)?.block_on(async {
         let mut rig = Rig::start(args, &camera, frames).await?;
         let outcome = rig.watch(frames).await;
@@ -51,6 +51,11 @@ pub(crate) fn run(args: &RigArgs) -> Result<(), CommandError> {
         }
         Ok(())
     })
+}
+
+/// Whether every frame is to be kept, so that none may be skipped.
+fn is_writing(args: &RigArgs) -> bool {
+    args.out.is_some() || args.manifest.is_some()
 }
 
 /// What to say if frames didn't show all that they should.
@@ -121,7 +126,7 @@ impl Rig {
         if let Some(frames) = frames {
             manager.args(["--frames", &frames.to_string()]);
         }
-        if args.out.is_some() {
+        if is_writing(args) {
             manager.arg("--lock-step");
         }
         let mut exits = JoinSet::new();
@@ -135,11 +140,14 @@ impl Rig {
         if let Some(out) = &args.out {
             compositor.arg("--out").arg(out).args(["--format", args.format.extension()]);
         }
+        if let Some(manifest) = &args.manifest {
+            compositor.arg("--manifest").arg(manifest);
+        }
         spawn(compositor.stdout(Stdio::null()), "the compositor".into(), &mut children, &mut exits)?;
         let mut host = own_command(&["host", "play"])?;
         host.arg(camera).args(["--to", &pose.to_string(), "--size", &size, "--repeat"]);
         host.args(["--rate", &args.rate.to_string()]);
-        if args.out.is_some() {
+        if is_writing(args) {
             host.arg("--lock-step");
         }
         spawn(host.stdout(Stdio::null()), "the host".into(), &mut children, &mut exits)?;
@@ -154,7 +162,7 @@ impl Rig {
             note(&format!("console: http://{address}/"));
         }
         note(&format!("{} views of {size}, {boards} boards; Ctrl-C ends the rig", row.count));
-        Ok(Self { manager: lines, children, exits, shutdown, is_writing: args.out.is_some() })
+        Ok(Self { manager: lines, children, exits, shutdown, is_writing: is_writing(args) })
     }
 
     /// Follows the rig to its end; returns the manager's report.

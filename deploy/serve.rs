@@ -179,6 +179,7 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
         backplane: args.backplane.clone(),
         listen: settings::guard(args.listen, args.insecure)?,
         out: args.out.clone().map(|folder| (folder, args.format)),
+        manifest: args.manifest.clone(),
         once: args.supervision.supervised,
     };
     runtime(1)?.block_on(async {

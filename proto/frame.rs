@@ -79,6 +79,17 @@ pub struct VersionWeights {
     pub weights: Vec<f32>,
 }
 
+/// What a frame's picture depends on, beside the scene and where its objects are: for manifests.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameRecord {
+    /// The eyepoint, world frame.
+    pub eye: Pose,
+    /// Light and air.
+    pub environment: Environment,
+    /// How models are mixed.
+    pub weights: Vec<VersionWeights>,
+}
+
 /// Side of a tile, pixels: the grain of shares, of raster work and of change detection. A build for measuring can take 16 or 64, by the
 /// environment variable `CYCLORAMA_TILE`; programs of one rig must be of one build then.
 pub const TILE: u32 = match option_env!("CYCLORAMA_TILE") {

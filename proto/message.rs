@@ -3,7 +3,7 @@
 
 use crate::chain::{FromBoardChain, ToBoardChain};
 use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
-use crate::frame::{FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
+use crate::frame::{FrameRecord, FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
 use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, ViewId};
 use crate::limits;
 use crate::piece::SliceHeader;
@@ -37,6 +37,8 @@ pub enum Role {
         listen: String,
         /// What it wants pixels as.
         format: PixelFormat,
+        /// Whether it wants to know what each frame's picture depends on.
+        records: bool,
     },
 }
 
@@ -279,6 +281,13 @@ pub enum ToCompositor {
     },
     /// The views from the next swap on.
     Views(Vec<ViewSetup>),
+    /// What the picture of a frame depends on that has been opened; only to who wants to know.
+    Record {
+        /// Which frame.
+        frame: FrameNumber,
+        /// What it depends on.
+        record: FrameRecord,
+    },
     /// Show a frame.
     Swap(Swap),
     /// The rig ends: finish what is queued, then end.

@@ -122,6 +122,8 @@ struct Compositor {
     listen: String,
     /// What it wants pixels as.
     format: PixelFormat,
+    /// Whether it wants to know what each frame depends on.
+    records: bool,
     outbox: Outbox,
     views: u64,
 }
@@ -331,7 +333,7 @@ impl Engine {
                     self.boards.insert(key, Board::new(hello.name, link, outbox, now));
                 }
             }
-            Role::Compositor { listen, format } => {
+            Role::Compositor { listen, format, records } => {
                 if let Some(other) = &self.compositor {
                     let reason = format!("this rig has a compositor already, at {}", other.listen);
                     outbox.send(encode(&ToCompositor::Refused { reason }, &[]));
@@ -341,7 +343,7 @@ impl Engine {
                 }
                 outbox.send(encode(&ToCompositor::Welcome, &[]));
                 let address = Some(listen.clone());
-                self.compositor = Some(Compositor { key, listen, format, outbox, views: 0 });
+                self.compositor = Some(Compositor { key, listen, format, records, outbox, views: 0 });
                 self.update_compositor_views();
                 // Boards keep the last frame's tiles, and in one format only.
                 if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor)

@@ -6,9 +6,9 @@ use crate::backplane::director::Substituted;
 use crate::backplane::residency::Patience;
 use proto::chain::Wiring;
 use proto::codec::encode;
-use proto::frame::{FrameState, PixelFormat};
+use proto::frame::{FrameRecord, FrameState, PixelFormat};
 use proto::ids::{BoardId, FrameNumber};
-use proto::message::{FrameHeader, FramePayload, ListUpdate, ToBoard};
+use proto::message::{FrameHeader, FramePayload, ListUpdate, ToBoard, ToCompositor};
 use proto::share::shares;
 use proto::time::Time;
 use std::sync::atomic::Ordering;
@@ -79,6 +79,7 @@ impl Engine {
                 }
             }
             self.update_compositor_views();
+            self.tell_record(frame);
             let before_stream = Instant::now();
             self.send_frame(frame, &wiring);
             self.statistics.stream.add(before_stream.elapsed());
@@ -131,6 +132,14 @@ impl Engine {
             compositor: self.compositor.as_ref().map(|compositor| compositor.key),
             revisions,
         }
+    }
+
+    /// Says what the frame that opens depends on, if that is wanted.
+    fn tell_record(&self, frame: FrameNumber) {
+        let Some(compositor) = self.compositor.as_ref().filter(|compositor| compositor.records) else { return };
+        let weights = self.director.mixtures.since(None).1.to_vec();
+        let record = FrameRecord { eye: self.director.eye(), environment: self.director.environment(), weights };
+        compositor.outbox.send(encode(&ToCompositor::Record { frame, record }, &[]));
     }
 
     /// Sends every board its frame.
