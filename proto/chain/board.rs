@@ -3,10 +3,13 @@
 //! The right neighbour may connect before the backplane's word about the new wiring has arrived; such an early link is
 //! kept (one, the newest) until it has. Everything about an older wiring than the newest known is ignored.
 
+use super::planted::{Bug, is_planted};
+use super::watch::BEAT;
 use super::{FromBoardChain, Left, Side, ToBoardChain};
 use crate::ids::{BoardId, BoardKey, Epoch, FrameNumber};
 use crate::limits;
 use crate::message::NeighbourMessage;
+use crate::time::Time;
 use std::collections::VecDeque;
 
 /// The shell's name for one neighbour connection, never used again.
@@ -43,6 +46,8 @@ pub enum BoardOutput {
     ToNeighbour(LinkId, NeighbourMessage),
     /// Close a neighbour link.
     Close(LinkId),
+    /// Say to the backplane that the board is there ([`crate::message::FromBoard::Alive`]).
+    Beat,
 }
 
 #[derive(Clone, Debug)]
@@ -64,13 +69,15 @@ pub struct BoardChain {
     seat: Option<Seat>,
     early: Option<(Epoch, BoardKey, LinkId)>,
     place: Option<Place>,
+    /// When the backplane must hear from the board; `None` until it is in the row.
+    beat: Option<Time>,
     outputs: VecDeque<BoardOutput>,
 }
 
 impl BoardChain {
     /// A board that the backplane calls `key`, not yet in any row.
     pub fn new(key: BoardKey) -> Self {
-        Self { key, seat: None, early: None, place: None, outputs: VecDeque::new() }
+        Self { key, seat: None, early: None, place: None, beat: None, outputs: VecDeque::new() }
     }
 
     /// The backplane said something.
@@ -170,6 +177,26 @@ impl BoardChain {
         self.place.as_ref().filter(|place| place.epoch == epoch)
     }
 
+    /// Something went to the backplane: no beat is needed for a while. Call it for whatever is sent but beats.
+    pub fn on_sent(&mut self, now: Time) {
+        if self.beat.is_some() {
+            self.beat = Some(now + BEAT);
+        }
+    }
+
+    /// When [`Self::on_timeout`] is due.
+    pub fn next_timeout(&self) -> Option<Time> {
+        self.beat
+    }
+
+    /// Time has passed.
+    pub fn on_timeout(&mut self, now: Time) {
+        if self.beat.is_some_and(|due| now >= due) {
+            self.beat = Some(now + BEAT);
+            self.outputs.push_back(BoardOutput::Beat);
+        }
+    }
+
     /// The next thing to do; `None`: wait.
     pub fn poll_output(&mut self) -> Option<BoardOutput> {
         self.outputs.pop_front()
@@ -179,7 +206,9 @@ impl BoardChain {
         if self.seat.as_ref().is_some_and(|seat| seat.epoch >= epoch) {
             return;
         }
+        let mut kept = None;
         if let Some(old) = self.seat.take() {
+            kept = old.id.filter(|_| is_planted(Bug::OldPlaceKept));
             for link in [old.left_link, old.right_link].into_iter().flatten() {
                 self.outputs.push_back(BoardOutput::Close(link));
             }
@@ -191,7 +220,9 @@ impl BoardChain {
                 Some(key)
             }
         };
-        self.seat = Some(Seat { epoch, left_board, left_link: None, right, right_link: None, id: None, total: None });
+        // Due at once: the backplane watches from now on.
+        self.beat.get_or_insert(Time(0));
+        self.seat = Some(Seat { epoch, left_board, left_link: None, right, right_link: None, id: kept, total: None });
         match self.early {
             Some((e, key, link)) if e <= epoch => {
                 self.early = None;

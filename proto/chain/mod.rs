@@ -10,17 +10,25 @@
 //! (`on_…(now, …)`), drain `poll_output()` until it is empty, wait until the next fact or `next_timeout()`.
 //!
 //! [`BackplaneChain`] and [`BoardChain`] keep the row; [`FrameClock`] opens and swaps frames; [`RateControl`] halves the
-//! frame rate when boards can't follow.
+//! frame rate when boards can't follow; [`Watch`] notices who is silent; [`StandBy`], [`BoardTerm`] and [`Quorum`] decide which of
+//! two backplanes leads.
 
 mod backplane;
 mod board;
 mod frame_clock;
+mod order;
+pub mod planted;
 mod rate;
+mod term;
+mod watch;
+mod weights;
 
-pub use backplane::{BackplaneChain, BackplaneOutput, Wiring};
+pub use backplane::{BACKPLANE_BEAT, BackplaneChain, BackplaneOutput, Wiring};
 pub use board::{BoardChain, BoardOutput, LinkId, Place};
 pub use frame_clock::{ClockMode, ClockOutput, FrameClock};
 pub use rate::RateControl;
+pub use term::{Answer, Ask, BetweenBackplanes, BoardTerm, LEADER_SILENCE, Quorum, Seen, StandBy, StandByOutput};
+pub use watch::{BEAT, PERIOD, SILENCE, Watch};
 
 use crate::ids::{BoardKey, Epoch, FrameNumber};
 use serde::{Deserialize, Serialize};
@@ -76,6 +84,15 @@ pub enum ToBoardChain {
         /// One weight per board, in the order of ids.
         weights: Vec<u32>,
     },
+}
+
+impl ToBoardChain {
+    /// The wiring that it is about.
+    pub fn epoch(&self) -> Epoch {
+        match self {
+            Self::Wire { epoch, .. } | Self::Id { epoch, .. } | Self::Activate { epoch, .. } => *epoch,
+        }
+    }
 }
 
 /// Board → backplane.
