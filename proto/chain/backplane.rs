@@ -191,10 +191,15 @@ impl BackplaneChain {
     pub fn on_lost(&mut self, now: Time, key: BoardKey) {
         self.leaving.remove(&key);
         self.forget(key);
+        if let Some(quorum) = &mut self.quorum {
+            quorum.on_lost(key);
+        }
         let was_in_row = self.remove(key);
         let in_closed = self.closed.as_ref().is_some_and(|closed| closed.members.contains(&key));
         if was_in_row || in_closed {
             self.rewire(now);
+        } else if self.row.is_empty() && self.leaving.is_empty() {
+            self.active = None;
         }
     }
 
@@ -279,6 +284,11 @@ impl BackplaneChain {
 
     /// Time has passed.
     pub fn on_timeout(&mut self, now: Time) {
+        let slept = self.watch.slept(now);
+        if let Some(opening) = &mut self.opening {
+            // Its boards may have said all they had to.
+            opening.deadline = opening.deadline + slept;
+        }
         for key in self.watch.on_timeout(now) {
             self.put_out(now, key, "it has been silent for too long");
         }
@@ -297,6 +307,14 @@ impl BackplaneChain {
             && let Some(wiring) = self.closed.take()
         {
             self.activate(now, frame, wiring);
+        }
+        if self.row.is_empty() {
+            // Nobody draws any more. Those who wait to leave may go.
+            self.active = None;
+            for key in std::mem::take(&mut self.leaving) {
+                self.forget(key);
+                self.outputs.push_back(BackplaneOutput::Released(key));
+            }
         }
         self.active.as_ref()
     }
@@ -469,9 +487,10 @@ impl BackplaneChain {
         self.opening = None;
         self.members = self.row.iter().map(|slot| slot.key).collect();
         if self.row.is_empty() {
-            // Nobody draws: a wiring without members would never close. Those who wait to leave may go.
-            self.active = None;
-            self.outputs.extend(std::mem::take(&mut self.leaving).into_iter().map(BackplaneOutput::Released));
+            // A wiring without members would never close: it is in effect from the next frame on.
+            if self.leaving.is_empty() {
+                self.active = None;
+            }
             return;
         }
         let epoch = self.epoch;

@@ -19,7 +19,7 @@
 //!
 //! No clock decides anything here but when to try.
 
-use super::backplane::Wiring;
+use super::backplane::{BACKPLANE_BEAT, Wiring};
 use super::planted::{Bug, is_planted};
 use super::watch::{SILENCE, Watch};
 use crate::ids::{BoardKey, Epoch, FrameNumber, Term};
@@ -158,6 +158,8 @@ impl BoardTerm {
 pub enum StandByOutput {
     /// Ask this board.
     Ask(BoardKey, Ask),
+    /// Say to every board that the stand-by is there.
+    Beat,
     /// Say this to the leader.
     ToLeader(BetweenBackplanes),
     /// Lead: open a row with this quorum ([`super::BackplaneChain::in_term`]), and a clock whose first frame is this.
@@ -188,6 +190,8 @@ pub struct StandBy {
     again: Time,
     /// How often it has asked in vain.
     tries: u32,
+    /// When its boards must hear from it.
+    beat: Time,
     outputs: VecDeque<StandByOutput>,
 }
 
@@ -206,6 +210,7 @@ impl StandBy {
             asked: None,
             again: now,
             tries: 0,
+            beat: now,
             outputs: VecDeque::new(),
         }
     }
@@ -264,7 +269,9 @@ impl StandBy {
 
     /// When [`Self::on_timeout`] is due.
     pub fn next_timeout(&self) -> Option<Time> {
-        if self.asked.is_some() { Some(self.again) } else { self.leader.next_timeout() }
+        let next = if self.asked.is_some() { Some(self.again) } else { self.leader.next_timeout() };
+        let beat = (!self.boards.is_empty()).then_some(self.beat);
+        [next, beat].into_iter().flatten().min()
     }
 
     /// Time has passed.
@@ -272,6 +279,10 @@ impl StandBy {
         let is_silent = !self.leader.on_timeout(now).is_empty();
         if is_silent || (self.asked.is_some() && now >= self.again) {
             self.ask(now);
+        }
+        if now >= self.beat && !self.boards.is_empty() {
+            self.beat = now + BACKPLANE_BEAT;
+            self.outputs.push_back(StandByOutput::Beat);
         }
     }
 
@@ -332,6 +343,8 @@ pub struct Quorum {
     /// The wiring in effect, until it is settled.
     unsettled: Option<Epoch>,
     members: BTreeSet<BoardKey>,
+    /// Members that are gone since.
+    gone: BTreeSet<BoardKey>,
     /// Members of the settled wiring that were ready under the one in effect.
     confirmed: BTreeSet<BoardKey>,
 }
@@ -360,6 +373,7 @@ impl Quorum {
     pub fn on_activated(&mut self, wiring: &Wiring) {
         self.members = wiring.members.iter().copied().collect();
         self.confirmed.clear();
+        self.gone.clear();
         self.unsettled = Some(wiring.epoch);
         if self.settled_total == 0 {
             // The rig's first: there is nothing before it that another backplane could know of.
@@ -391,10 +405,17 @@ impl Quorum {
         carried && (self.unsettled.is_none() || count(&self.settled) * 2 > self.settled_total)
     }
 
-    /// The wiring that can't settle by itself: too few of the boards before are in it.
+    /// A board is gone; should it come back, it is another one.
+    pub fn on_lost(&mut self, key: BoardKey) {
+        self.gone.insert(key);
+    }
+
+    /// The wiring that can't settle by itself: too few of the boards before are in it, or still there.
     pub fn wants_consent(&self) -> Option<Epoch> {
         let epoch = self.unsettled?;
-        (self.members.intersection(&self.settled).count() * 2 <= self.settled_total).then_some(epoch)
+        let can_confirm = |key: &&BoardKey| self.confirmed.contains(key) || !self.gone.contains(key);
+        let possible = self.members.intersection(&self.settled).filter(can_confirm).count();
+        (possible * 2 <= self.settled_total).then_some(epoch)
     }
 
     /// The stand-by has consented.

@@ -83,14 +83,20 @@ impl<K: Ord + Copy> Watch<K> {
         Some(self.look.min(*first + self.limit))
     }
 
+    /// How long the watcher itself has slept: how late it is to look. Nothing but what has come meanwhile was missed by others.
+    pub fn slept(&self, now: Time) -> Duration {
+        let late = self.next_timeout().map_or(Duration::ZERO, |due| now.since(due));
+        if late > LATE { late } else { Duration::ZERO }
+    }
+
     /// Looks; those that are silent are returned and no longer watched.
     pub fn on_timeout(&mut self, now: Time) -> Vec<K> {
-        let Some(due) = self.next_timeout().filter(|due| now >= *due) else { return Vec::new() };
-        let late = now.since(due);
-        if late > LATE {
-            for heard in self.heard.values_mut() {
-                *heard = (*heard + late).min(now);
-            }
+        if self.next_timeout().is_none_or(|due| now < due) {
+            return Vec::new();
+        }
+        let slept = self.slept(now);
+        for heard in self.heard.values_mut() {
+            *heard = (*heard + slept).min(now);
         }
         self.look = now + LOOK;
         let silent: Vec<_> =

@@ -126,10 +126,12 @@ impl Weights {
         let mut weights: Vec<u32> = match self.units(members) {
             Some(units) => {
                 let fastest = units.iter().copied().fold(f64::INFINITY, f64::min);
-                let slowest = units.iter().copied().fold(0.0, f64::max);
-                let differ = fastest < GAIN * slowest;
-                let weight = |unit: &f64| (f64::from(WEIGHT_MAX) * fastest / unit).round().clamp(1.0, 8.0) as u32;
-                if differ { units.iter().map(weight).collect() } else { vec![WEIGHT_MAX; members.len()] }
+                let weight = |unit: &f64| {
+                    // As fast as the fastest, but for noise.
+                    let speed = if fastest < GAIN * unit { fastest / unit } else { 1.0 };
+                    (f64::from(WEIGHT_MAX) * speed).round().clamp(1.0, f64::from(WEIGHT_MAX)) as u32
+                };
+                units.iter().map(weight).collect()
             }
             None => vec![WEIGHT_MAX; members.len()],
         };

@@ -55,6 +55,7 @@ impl Display {
 
     /// A link is up.
     pub(crate) fn on_up(&mut self, context: &mut Context, wire: Wire, purpose: Purpose) {
+        context.log(self.node, || format!("up {wire:?} {purpose:?}"));
         match purpose {
             Purpose::Show => {
                 if let Node::Manager(rank) = context.net.peer(self.node, wire) {
@@ -86,6 +87,7 @@ impl Display {
 
     /// A link is down.
     pub(crate) fn on_down(&mut self, context: &mut Context, wire: Wire) {
+        context.log(self.node, || format!("down {wire:?}"));
         for rank in 0..2 {
             if self.sessions[rank] == Some(wire) {
                 self.sessions[rank] = None;

@@ -284,13 +284,16 @@ impl Manager {
         while let Role::StandBy(stand_by) = &mut self.role
             && let Some(output) = stand_by.poll_output()
         {
-            context.log(self.node, || format!("{output:?}"));
+            if output != StandByOutput::Beat {
+                context.log(self.node, || format!("{output:?}"));
+            }
             match output {
                 StandByOutput::Ask(key, ask) => {
                     if let Some(peer) = self.boards.get(&key) {
                         context.send(self.node, peer.wire, Packet::of(&ToBoard::Ask(ask)), false);
                     }
                 }
+                StandByOutput::Beat => self.tell_all(context),
                 StandByOutput::ToLeader(message) => {
                     if let Some(wire) = self.watched {
                         context.send(self.node, wire, Packet::of(&message), false);
@@ -402,12 +405,14 @@ impl Manager {
                     self.lose(context, key);
                 }
                 BackplaneOutput::Closed(_) => drop(leading.clock.on_rewired()),
-                BackplaneOutput::Beat => {
-                    for peer in self.boards.values() {
-                        context.net.send(self.node, peer.wire, Packet::of(&ToBoard::Alive));
-                    }
-                }
+                BackplaneOutput::Beat => self.tell_all(context),
             }
+        }
+    }
+
+    fn tell_all(&self, context: &mut Context) {
+        for peer in self.boards.values() {
+            context.send(self.node, peer.wire, Packet::of(&ToBoard::Alive), false);
         }
     }
 
