@@ -116,6 +116,8 @@ impl BoardChain {
     /// A neighbour said something. A link that the board didn't open says hello first.
     pub fn on_neighbour(&mut self, link: LinkId, message: NeighbourMessage) {
         match message {
+            // A link that is in use has said its hello: another one is slipped in.
+            NeighbourMessage::Hello { .. } if self.is_known(link) => {}
             NeighbourMessage::Hello { key, epoch } => {
                 let newest = self.seat.as_ref().map_or(Epoch(0), |seat| seat.epoch);
                 if epoch > newest {
@@ -230,6 +232,11 @@ impl BoardChain {
             }
             _ => {}
         }
+    }
+
+    fn is_known(&self, link: LinkId) -> bool {
+        let seat = self.seat.as_ref().is_some_and(|s| s.left_link == Some(link) || s.right_link == Some(link));
+        seat || self.early.is_some_and(|(_, _, early)| early == link)
     }
 
     fn take_right(&mut self, epoch: Epoch, key: BoardKey, link: LinkId) {

@@ -345,6 +345,23 @@ fn a_board_that_lies_about_its_place_is_put_out() {
     assert_eq!(world.put_out, [BoardKey(2)]);
 }
 
+/// Found by simulation: a hello that came twice over a link closed it, and the row was wired anew.
+#[test]
+fn a_repeated_hello_does_not_close_the_link() {
+    let mut board = BoardChain::new(BoardKey(1));
+    let hello = |epoch| NeighbourMessage::Hello { key: BoardKey(2), epoch: Epoch(epoch) };
+    board.on_neighbour(LinkId(7), hello(3));
+    board.on_neighbour(LinkId(7), hello(3));
+    board.on_backplane(ToBoardChain::Wire { epoch: Epoch(3), left: Left::Backplane, right: Some(BoardKey(2)) });
+    for epoch in [3, 2, 4] {
+        board.on_neighbour(LinkId(7), hello(epoch));
+    }
+    board.on_backplane(ToBoardChain::Id { epoch: Epoch(3), id: 0 });
+    let said: Vec<_> = std::iter::from_fn(|| board.poll_output()).collect();
+    assert!(said.contains(&BoardOutput::ToNeighbour(LinkId(7), NeighbourMessage::Id { epoch: Epoch(3), id: 1 })));
+    assert!(!said.iter().any(|output| matches!(output, BoardOutput::Close(_))), "{said:?}");
+}
+
 #[test]
 fn a_frame_swaps_when_all_are_ready_and_repeats_views_when_they_are_not() {
     let period = Duration::from_millis(16);

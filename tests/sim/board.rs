@@ -19,6 +19,9 @@ use std::time::Duration;
 /// Time until a board that was welcomed holds the scene, at most, ns.
 const LOADING: u64 = 80_000_000;
 
+/// How long until a link to a display is tried again.
+const TILES_AGAIN: Duration = Duration::from_millis(50);
+
 #[derive(Debug)]
 struct Session {
     wire: Wire,
@@ -58,7 +61,8 @@ pub(crate) struct Board {
     neighbours: BTreeMap<LinkId, usize>,
     drawing: Option<(Time, Work)>,
     waiting: Option<Work>,
-    retry: BTreeMap<(usize, u8), Time>,
+    /// When links to displays are tried again.
+    tiles_again: BTreeMap<(usize, u8), Time>,
     /// How many times as long it takes to draw.
     pub(crate) slowness: u64,
     /// Its painter does nothing.
@@ -86,7 +90,7 @@ impl Board {
             neighbours: BTreeMap::new(),
             drawing: None,
             waiting: None,
-            retry: BTreeMap::new(),
+            tiles_again: BTreeMap::new(),
             slowness: 1,
             is_hung: false,
             is_leaving: false,
@@ -139,16 +143,22 @@ impl Board {
     }
 
     /// A link couldn't be made.
-    pub(crate) fn on_failed(&mut self, context: &mut Context, purpose: Purpose, rank: usize) {
+    pub(crate) fn on_failed(&mut self, context: &mut Context, to: Node, purpose: Purpose) {
         let now = context.local(self.node);
-        match purpose {
-            Purpose::Session => self.again[rank] = Some(now + self.backoff[rank].next_wait()),
-            Purpose::Neighbour(epoch) => {
+        match (purpose, to) {
+            (Purpose::Session, Node::Manager(rank)) => {
+                let rank = usize::from(rank);
+                self.again[rank] = Some(now + self.backoff[rank].next_wait());
+            }
+            (Purpose::Tiles(rank, _), Node::Display(display)) => {
+                self.tiles_again.insert((rank.into(), display), now + TILES_AGAIN);
+            }
+            (Purpose::Neighbour(epoch), _) => {
                 if let Some(session) = &mut self.sessions[rank_of(epoch)] {
                     session.chain.on_link_lost(Some(epoch), None);
                 }
             }
-            Purpose::Tiles(..) | Purpose::Show | Purpose::Watch => {}
+            _ => {}
         }
         self.turn(context);
     }
@@ -166,8 +176,9 @@ impl Board {
             }
         } else {
             for rank in 0..2 {
-                if let Some(session) = &mut self.sessions[rank] {
-                    session.tiles.retain(|_, tiles| *tiles != wire);
+                let Some(session) = &mut self.sessions[rank] else { continue };
+                for (display, _) in session.tiles.extract_if(.., |_, tiles| *tiles == wire) {
+                    self.tiles_again.insert((rank, display), now + TILES_AGAIN);
                 }
             }
         }
@@ -220,9 +231,12 @@ impl Board {
             self.neighbours.entry(link).or_insert(rank_of(epoch));
         }
         let rank = self.neighbours.get(&link).copied();
-        match rank.and_then(|rank| self.sessions[rank].as_mut()) {
-            Some(session) => session.chain.on_neighbour(link, message),
-            None => context.net.close(self.node, wire),
+        match rank.map(|rank| self.sessions[rank].as_mut()) {
+            Some(Some(session)) => session.chain.on_neighbour(link, message),
+            // Of a session that is over.
+            Some(None) => context.net.close(self.node, wire),
+            // Without a hello before it, it is slipped in.
+            None => {}
         }
     }
 
@@ -311,6 +325,7 @@ impl Board {
     fn turn(&mut self, context: &mut Context) {
         let now = context.local(self.node);
         self.connect(context, now);
+        self.connect_tiles(context, now);
         self.paint(context, now);
         for rank in 0..2 {
             let Some(session) = &mut self.sessions[rank] else { continue };
@@ -334,7 +349,8 @@ impl Board {
         let sessions = self.sessions.iter().flatten();
         let sessions = sessions.flat_map(|s| [s.loaded, s.chain.next_timeout(), s.watch.next_timeout()]).flatten();
         let painter = self.drawing.as_ref().map(|(at, _)| *at).filter(|_| !self.is_hung);
-        sessions.chain(painter).chain(self.again.iter().flatten().copied()).min()
+        let again = self.again.iter().flatten().chain(self.tiles_again.values()).copied();
+        sessions.chain(painter).chain(again).min()
     }
 
     fn connect(&mut self, context: &mut Context, now: Time) {
@@ -350,12 +366,21 @@ impl Board {
         if context.plan.managers == 1 {
             self.again[1] = None;
         }
-        // A display that was away: its link is made again with the next frame's tiles.
+    }
+
+    fn connect_tiles(&mut self, context: &mut Context, now: Time) {
+        for ((rank, display), _) in self.tiles_again.extract_if(.., |_, at| now >= *at) {
+            if let Some(session) = self.sessions[rank].as_ref().filter(|session| !session.tiles.contains_key(&display))
+            {
+                let purpose = Purpose::Tiles(rank as u8, session.key);
+                context.net.connect(self.node, Node::Display(display), purpose);
+            }
+        }
     }
 
     fn paint(&mut self, context: &mut Context, now: Time) {
         if let Some((_, work)) = self.drawing.take_if(|(at, _)| now >= *at && !self.is_hung) {
-            self.deliver(context, now, work);
+            self.deliver(context, work);
         }
         if self.drawing.is_none()
             && let Some(work) = self.waiting.take()
@@ -364,23 +389,16 @@ impl Board {
         }
     }
 
-    fn deliver(&mut self, context: &mut Context, now: Time, work: Work) {
+    fn deliver(&mut self, context: &mut Context, work: Work) {
         let Work { rank, frame, epoch, masks, cost } = work;
         let Some(session) = &mut self.sessions[rank] else { return };
         if let Some(masks) = &masks {
             context.checks.on_drawn(context.net.now(), self.index, frame, epoch, masks);
         }
         for display in 0..context.plan.displays {
-            match session.tiles.get(&display) {
-                Some(wire) => {
-                    let packet = Packet { tiles: masks.clone(), ..Packet::of(&TileMessage::Done { frame, epoch }) };
-                    context.send(self.node, *wire, packet, true);
-                }
-                None if self.retry.get(&(rank, display)).is_none_or(|at| now >= *at) => {
-                    self.retry.insert((rank, display), now + Duration::from_millis(50));
-                    context.net.connect(self.node, Node::Display(display), Purpose::Tiles(rank as u8, session.key));
-                }
-                None => {}
+            if let Some(wire) = session.tiles.get(&display) {
+                let packet = Packet { tiles: masks.clone(), ..Packet::of(&TileMessage::Done { frame, epoch }) };
+                context.send(self.node, *wire, packet, true);
             }
         }
         let report = BoardReport { raster_ns: cost.as_nanos() as u64, ..BoardReport::default() };

@@ -67,10 +67,12 @@ impl Context {
     /// Sets a node's timer for a moment on its own clock.
     pub(crate) fn wake(&mut self, node: Node, at: Option<Time>) {
         let Some(Time(at)) = at else { return };
-        // Rounded up: a timer is never early.
-        let at = at as i64 - at as i64 / 1_000_000 * self.skew(node) + self.skew(node).abs() / 50 + 1;
-        let at = (at.max(0) as u64).max(self.net.now() + 1);
-        self.net.wake(node, at);
+        let mut due = (at as i64 - at as i64 / 1_000_000 * self.skew(node)).max(0);
+        // A timer is never early, or it would be set again at once.
+        while due + due / 1_000_000 * self.skew(node) < at as i64 {
+            due += (at as i64 - due - due / 1_000_000 * self.skew(node)).max(1);
+        }
+        self.net.wake(node, (due as u64).max(self.net.now() + 1));
     }
 
     /// Sends, and remembers what was sent if it may be slipped in again.

@@ -66,7 +66,7 @@ enum Item<P> {
     Failed { at: Node, life: u32, to: Node, purpose: Purpose },
     Arrive { wire: Wire, end: usize },
     Wake { at: Node, life: u32 },
-    Plain(Event<P>),
+    Plain(Box<Event<P>>),
 }
 
 #[derive(Debug)]
@@ -303,7 +303,7 @@ impl<P> Network<P> {
 
     /// Lets something else happen at a moment.
     pub(crate) fn schedule(&mut self, at: u64, event: Event<P>) {
-        self.push(at, Item::Plain(event));
+        self.push(at, Item::Plain(Box::new(event)));
     }
 
     /// The next event and its moment; `None` after `end`.
@@ -323,7 +323,7 @@ impl<P> Network<P> {
 
     fn happen(&mut self, item: Item<P>) -> Option<Event<P>> {
         match item {
-            Item::Plain(event) => Some(event),
+            Item::Plain(event) => Some(*event),
             Item::Wake { at, life } => {
                 let process = &mut self.processes[index(at)];
                 if process.life != life || !process.is_up || process.wake.is_none_or(|due| due > self.now) {

@@ -177,7 +177,7 @@ impl World {
         let context = &mut self.context;
         let rank = if let Node::Manager(rank) = to { usize::from(rank) } else { 0 };
         match node {
-            Node::Board(i) => self.boards[usize::from(i)].as_mut().map(|b| b.on_failed(context, purpose, rank)),
+            Node::Board(i) => self.boards[usize::from(i)].as_mut().map(|b| b.on_failed(context, to, purpose)),
             Node::Display(i) => self.displays[usize::from(i)].as_mut().map(|d| d.on_failed(context, rank)),
             Node::Manager(i) => self.managers[usize::from(i)].as_mut().map(|m| m.on_failed(context)),
         };
