@@ -88,13 +88,7 @@ impl Session {
     ) -> End {
         let mut leaving = None;
         loop {
-            let beat = self.chain.next_timeout().map(|due| due.since(self.now()));
-            let beat = async {
-                match beat {
-                    Some(wait) => tokio::time::sleep(wait).await,
-                    None => std::future::pending().await,
-                }
-            };
+            let beat = tokio::time::sleep(self.chain.next_timeout().since(self.now()));
             let deadline = async {
                 match leaving {
                     Some(at) => tokio::time::sleep_until(at).await,
@@ -126,7 +120,7 @@ impl Session {
                     }
                 }
                 () = deadline => return End::Shutdown,
-                () = beat => self.chain.on_timeout(self.now()),
+                () = beat, if self.key != BoardKey(0) => self.chain.on_timeout(self.now()),
             }
             if let Err(error) = self.drain(neighbours).await {
                 return End::Lost(error);

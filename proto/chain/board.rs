@@ -69,15 +69,15 @@ pub struct BoardChain {
     seat: Option<Seat>,
     early: Option<(Epoch, BoardKey, LinkId)>,
     place: Option<Place>,
-    /// When the backplane must hear from the board; `None` until it is in the row.
-    beat: Option<Time>,
+    /// When the backplane must hear from the board.
+    beat: Time,
     outputs: VecDeque<BoardOutput>,
 }
 
 impl BoardChain {
     /// A board that the backplane calls `key`, not yet in any row.
     pub fn new(key: BoardKey) -> Self {
-        Self { key, seat: None, early: None, place: None, beat: None, outputs: VecDeque::new() }
+        Self { key, seat: None, early: None, place: None, beat: Time(0), outputs: VecDeque::new() }
     }
 
     /// The backplane said something.
@@ -181,20 +181,18 @@ impl BoardChain {
 
     /// Something went to the backplane: no beat is needed for a while. Call it for whatever is sent but beats.
     pub fn on_sent(&mut self, now: Time) {
-        if self.beat.is_some() {
-            self.beat = Some(now + BEAT);
-        }
+        self.beat = now + BEAT;
     }
 
     /// When [`Self::on_timeout`] is due.
-    pub fn next_timeout(&self) -> Option<Time> {
+    pub fn next_timeout(&self) -> Time {
         self.beat
     }
 
     /// Time has passed.
     pub fn on_timeout(&mut self, now: Time) {
-        if self.beat.is_some_and(|due| now >= due) {
-            self.beat = Some(now + BEAT);
+        if now >= self.beat {
+            self.beat = now + BEAT;
             self.outputs.push_back(BoardOutput::Beat);
         }
     }
@@ -222,8 +220,6 @@ impl BoardChain {
                 Some(key)
             }
         };
-        // Due at once: the backplane watches from now on.
-        self.beat.get_or_insert(Time(0));
         self.seat = Some(Seat { epoch, left_board, left_link: None, right, right_link: None, id: kept, total: None });
         match self.early {
             Some((e, key, link)) if e <= epoch => {

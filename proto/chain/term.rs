@@ -30,15 +30,19 @@ use std::time::Duration;
 
 /// How long a board's backplane must have been silent before another is granted a term. Three of its beats.
 pub const LEADER_SILENCE: Duration = Duration::from_millis(150);
-/// When a stand-by asks again, at first; each time it waits twice as long, up to 32 times, for terms are used up by asking.
+/// When a stand-by asks again, the first eight times: until boards have had time to notice that their backplane is silent.
 const ASK_AGAIN: Duration = Duration::from_millis(20);
+/// After that it waits twice as long each time, up to 32 times, for terms are used up by asking.
+const QUICK_TRIES: u32 = 8;
 const DOUBLINGS_MAX: u32 = 5;
 
 /// Stand-by → board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Ask {
-    /// The term it wants.
+    /// The term it wants, or leads by.
     pub term: Term,
+    /// It leads already, and asks a board that came later.
+    pub leads: bool,
 }
 
 /// Board → stand-by.
@@ -139,8 +143,8 @@ impl BoardTerm {
     /// A stand-by asks.
     pub fn on_ask(&mut self, now: Time, ask: Ask) -> Answer {
         let is_led = self.heard.is_some_and(|heard| now.since(heard) < LEADER_SILENCE);
-        // The one that asks again for what it has is the one that has it: terms of two backplanes are never equal.
-        let again = ask.term == self.term;
+        // Only who leads by a term may have it twice: one that has lost it, and asks anew, would repeat its epochs.
+        let again = ask.leads && ask.term == self.term;
         if (ask.term > self.term && !is_led) || again {
             if !again {
                 self.heard = None;
@@ -158,6 +162,8 @@ impl BoardTerm {
 pub enum StandByOutput {
     /// Ask this board.
     Ask(BoardKey, Ask),
+    /// This board is silent: close its link, and call [`StandBy::on_board_lost`].
+    Drop(BoardKey),
     /// Say to every board that the stand-by is there.
     Beat,
     /// Say this to the leader.
@@ -183,6 +189,7 @@ pub struct StandBy {
     /// It has consented to count no grants under an older wiring.
     floor: Epoch,
     leader: Watch<()>,
+    watch: Watch,
     boards: BTreeSet<BoardKey>,
     grants: BTreeMap<BoardKey, (Option<Seen>, FrameNumber)>,
     /// The term that it asks for.
@@ -196,15 +203,17 @@ pub struct StandBy {
 }
 
 impl StandBy {
-    /// The stand-by of this rank, 0 or 1. It waits for the leader's first word, or its loss.
-    pub fn new(now: Time, rank: u64) -> Self {
+    /// The stand-by of this rank, 0 or 1, which has heard of no term above `highest`. It waits for the leader's first word,
+    /// or its loss.
+    pub fn new(now: Time, rank: u64, highest: Term) -> Self {
         let mut leader = Watch::new(SILENCE);
         leader.on_heard(now, ());
         Self {
             rank: rank % 2,
-            highest: Term(0),
+            highest,
             floor: Epoch(0),
             leader,
+            watch: Watch::default(),
             boards: BTreeSet::new(),
             grants: BTreeMap::new(),
             asked: None,
@@ -242,17 +251,26 @@ impl StandBy {
     }
 
     /// A board is connected.
-    pub fn on_board(&mut self, key: BoardKey) {
+    pub fn on_board(&mut self, now: Time, key: BoardKey) {
         self.boards.insert(key);
+        self.watch.on_heard(now, key);
         if let Some(term) = self.asked {
-            self.outputs.push_back(StandByOutput::Ask(key, Ask { term }));
+            self.outputs.push_back(StandByOutput::Ask(key, Ask { term, leads: false }));
         }
     }
 
     /// A board is no longer connected. What it granted is void: it may have died, and forgotten it.
     pub fn on_board_lost(&mut self, key: BoardKey) {
+        self.watch.forget(key);
         self.boards.remove(&key);
         self.grants.remove(&key);
+    }
+
+    /// A board has said something, no matter what.
+    pub fn on_heard(&mut self, now: Time, key: BoardKey) {
+        if self.watch.is_watched(key) {
+            self.watch.on_heard(now, key);
+        }
     }
 
     /// A board answers.
@@ -271,7 +289,7 @@ impl StandBy {
     pub fn next_timeout(&self) -> Option<Time> {
         let next = if self.asked.is_some() { Some(self.again) } else { self.leader.next_timeout() };
         let beat = (!self.boards.is_empty()).then_some(self.beat);
-        [next, beat].into_iter().flatten().min()
+        [next, beat, self.watch.next_timeout()].into_iter().flatten().min()
     }
 
     /// Time has passed.
@@ -279,6 +297,9 @@ impl StandBy {
         let is_silent = !self.leader.on_timeout(now).is_empty();
         if is_silent || (self.asked.is_some() && now >= self.again) {
             self.ask(now);
+        }
+        for key in self.watch.on_timeout(now) {
+            self.outputs.push_back(StandByOutput::Drop(key));
         }
         if now >= self.beat && !self.boards.is_empty() {
             self.beat = now + BACKPLANE_BEAT;
@@ -298,7 +319,7 @@ impl StandBy {
     }
 
     fn ask(&mut self, now: Time) {
-        self.again = now + ASK_AGAIN * (1 << self.tries.min(DOUBLINGS_MAX));
+        self.again = now + ASK_AGAIN * (1 << self.tries.saturating_sub(QUICK_TRIES).min(DOUBLINGS_MAX));
         self.tries += 1;
         if self.asked.is_none_or(|asked| asked <= self.highest) {
             self.grants.clear();
@@ -308,7 +329,7 @@ impl StandBy {
         }
         let Some(term) = self.asked else { return };
         for key in self.boards.iter().filter(|key| !self.grants.contains_key(key)) {
-            self.outputs.push_back(StandByOutput::Ask(*key, Ask { term }));
+            self.outputs.push_back(StandByOutput::Ask(*key, Ask { term, leads: false }));
         }
     }
 

@@ -347,7 +347,8 @@ impl Board {
 
     fn next_timeout(&self) -> Option<Time> {
         let sessions = self.sessions.iter().flatten();
-        let sessions = sessions.flat_map(|s| [s.loaded, s.chain.next_timeout(), s.watch.next_timeout()]).flatten();
+        let sessions =
+            sessions.flat_map(|s| [s.loaded, Some(s.chain.next_timeout()), s.watch.next_timeout()]).flatten();
         let painter = self.drawing.as_ref().map(|(at, _)| *at).filter(|_| !self.is_hung);
         let again = self.again.iter().flatten().chain(self.tiles_again.values()).copied();
         sessions.chain(painter).chain(again).min()

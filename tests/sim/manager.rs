@@ -78,7 +78,7 @@ impl Manager {
             let chain = BackplaneChain::in_term(term, Quorum::default());
             Role::Leading(Box::new(Leading::new(now, term, chain, FrameNumber(0), context.plan.views)))
         } else {
-            Role::StandBy(StandBy::new(now, rank.into()))
+            Role::StandBy(StandBy::new(now, rank.into(), Term(0)))
         };
         Self {
             node,
@@ -185,6 +185,7 @@ impl Manager {
     }
 
     fn on_hello(&mut self, context: &mut Context, wire: Wire, hello: Hello) {
+        let now = context.local(self.node);
         match hello.role {
             Guest::Board { link, .. } => {
                 self.next_key += 1;
@@ -195,10 +196,10 @@ impl Manager {
                 self.keys.insert(wire, key);
                 context.send(self.node, wire, Packet::of(&ToBoard::Welcome { key }), false);
                 match &mut self.role {
-                    Role::StandBy(stand_by) => stand_by.on_board(key),
+                    Role::StandBy(stand_by) => stand_by.on_board(now, key),
                     // Who comes after the term was won has perhaps a grant to add.
                     Role::Leading(leading) if leading.term > Term(0) => {
-                        let ask = ToBoard::Ask(Ask { term: leading.term });
+                        let ask = ToBoard::Ask(Ask { term: leading.term, leads: true });
                         context.send(self.node, wire, Packet::of(&ask), false);
                     }
                     Role::Leading(_) => {}
@@ -215,7 +216,9 @@ impl Manager {
         match (&mut self.role, message) {
             (Role::StandBy(stand_by), message) => stand_by.on_leader(now, message),
             (Role::Leading(leading), BetweenBackplanes::Consented { epoch }) => leading.chain.on_consent(epoch),
-            (Role::Leading(leading), BetweenBackplanes::Leads { term }) if term > leading.term => self.resign(context),
+            (Role::Leading(leading), BetweenBackplanes::Leads { term }) if term > leading.term => {
+                self.resign(context, term)
+            }
             _ => {}
         }
     }
@@ -228,22 +231,23 @@ impl Manager {
         }
         match &mut self.role {
             Role::StandBy(stand_by) => {
+                stand_by.on_heard(now, key);
                 if let FromBoard::Answer(answer) = message {
                     stand_by.on_answer(key, answer);
                 }
             }
             Role::Leading(leading) => match message {
-                FromBoard::Answer(Answer::Refused { term }) if term > leading.term => self.resign(context),
+                FromBoard::Answer(Answer::Refused { term }) if term > leading.term => self.resign(context, term),
                 message => leading.on_board(now, key, message, peer),
             },
         }
     }
 
-    fn resign(&mut self, context: &Context) {
+    fn resign(&mut self, context: &Context, highest: Term) {
         let now = context.local(self.node);
-        let mut stand_by = StandBy::new(now, self.rank.into());
+        let mut stand_by = StandBy::new(now, self.rank.into(), highest);
         for key in self.boards.keys() {
-            stand_by.on_board(*key);
+            stand_by.on_board(now, *key);
         }
         self.role = Role::StandBy(stand_by);
         self.again = self.watched.is_none().then_some(now);
@@ -294,6 +298,7 @@ impl Manager {
                     }
                 }
                 StandByOutput::Beat => self.tell_all(context),
+                StandByOutput::Drop(key) => self.lose(context, key),
                 StandByOutput::ToLeader(message) => {
                     if let Some(wire) = self.watched {
                         context.send(self.node, wire, Packet::of(&message), false);
@@ -301,6 +306,7 @@ impl Manager {
                 }
                 StandByOutput::Lead { term, first, quorum } => {
                     context.checks.counts.takeovers += 1;
+                    context.checks.on_lost(context.net.now());
                     let mut chain = BackplaneChain::in_term(term, quorum);
                     for (key, peer) in self.boards.iter_mut().filter(|(_, peer)| peer.is_loaded) {
                         peer.has_views = false;

@@ -217,7 +217,13 @@ impl Plan {
     pub fn may_lose_majority(&self) -> bool {
         let forgets =
             |fault: &&Fault| matches!(fault.kind, Kind::Crash(Node::Board(_)) | Kind::PowerOff(Node::Board(_)));
-        self.managers > 1 && self.faults.iter().filter(forgets).count() * 2 >= usize::from(self.boards)
+        let shrinks = |fault: &Fault| {
+            let harmless = matches!(fault.kind, Kind::Slow(..) | Kind::Inject | Kind::Break(..) | Kind::Crash(_));
+            !harmless && !matches!(fault.kind, Kind::PowerOff(_))
+        };
+        let forgotten = self.faults.iter().filter(forgets).count();
+        let few = self.faults.iter().any(shrinks) || forgotten * 3 >= usize::from(self.boards);
+        self.managers > 1 && forgotten > 0 && few
     }
 
     /// Every machine.
