@@ -224,7 +224,8 @@ impl Checks {
 
     /// Looks whether a display that isn't disturbed shows what was swapped.
     pub fn look(&mut self, now: u64, display: u8, shown: Option<FrameNumber>) {
-        if now <= self.disturbed {
+        // Where little moves the next frame, with which a display catches up, may be a while away.
+        if now <= self.disturbed + AFTERMATH {
             return;
         }
         let due = self.swap_times.iter().rev().find(|(at, _)| at + LAG < now).map(|(_, frame)| *frame);

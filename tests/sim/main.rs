@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-const USAGE: &str = "usage: cyclorama-sim [--seeds N] [--from SEED] [--faults any|none|harmless|short-stalls|crash|power-off|leader-crash|leader-power-off] [--threads N]
+const USAGE: &str = "usage: cyclorama-sim [--seeds N] [--from SEED] [--faults any|none|harmless|short-stalls|crash|power-off|leader-crash|leader-power-off|leader-cut] [--threads N]
        cyclorama-sim --replay SEED [--faults …]   one seed, with its log";
 
 struct Options {
@@ -46,6 +46,7 @@ fn faults(name: &str) -> Option<Faults> {
         "power-off" => Faults::OnePowerOff,
         "leader-crash" => Faults::LeaderCrash,
         "leader-power-off" => Faults::LeaderPowerOff,
+        "leader-cut" => Faults::LeaderCut,
         _ => return None,
     })
 }

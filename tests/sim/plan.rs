@@ -99,13 +99,15 @@ pub enum Faults {
     LeaderCrash,
     /// The leading backplane of two loses its power.
     LeaderPowerOff,
+    /// The leading backplane of two is cut off from some machines or all, and comes back.
+    LeaderCut,
 }
 
 impl Plan {
     /// What `seed` decides.
     pub fn draw(seed: u64, faults: Faults) -> Self {
         let mut random = Random::new(seed);
-        let terms = matches!(faults, Faults::LeaderCrash | Faults::LeaderPowerOff);
+        let terms = matches!(faults, Faults::LeaderCrash | Faults::LeaderPowerOff | Faults::LeaderCut);
         let few = matches!(faults, Faults::Any) && random.chance(25);
         let boards = if few { random.between(1, 7) as u8 } else { BOARDS_MAX };
         let managers = if terms || (faults == Faults::Any && random.chance(30)) { 2 } else { 1 };
@@ -141,6 +143,23 @@ impl Plan {
             Faults::OnePowerOff => one(Kind::PowerOff(board), random.between(1000, 1100), 1500),
             Faults::LeaderCrash => one(Kind::Crash(Node::Manager(0)), random.between(1000, 1100), 1500),
             Faults::LeaderPowerOff => one(Kind::PowerOff(Node::Manager(0)), random.between(1000, 1100), 1500),
+            Faults::LeaderCut => {
+                let leader = Node::Manager(0);
+                let (from, ms) = (random.between(1000, 1100), random.between(100, 1500));
+                let others: Vec<_> = self.nodes().into_iter().filter(|node| *node != leader).collect();
+                let percent = random.pick(&[40, 70, 100]);
+                for other in others {
+                    if random.chance(percent) {
+                        let until = (from + ms) * MS;
+                        let kind = match random.below(4) {
+                            0 => Kind::CutOneWay(leader, other),
+                            1 => Kind::CutOneWay(other, leader),
+                            _ => Kind::Cut(leader, other),
+                        };
+                        self.faults.push(Fault { kind, from: from * MS, until });
+                    }
+                }
+            }
             Faults::Harmless => {
                 // One at a time, and each board back before the next: so there are always enough to draw.
                 for (i, from) in (500..3200).step_by(600).enumerate() {
