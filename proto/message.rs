@@ -387,7 +387,7 @@ pub fn split_tiles(
 }
 
 /// Board ↔ board: the neighbour link. The right board opens it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum NeighbourMessage {
     /// From the right board, first: who I am and for which wiring.
     Hello {

@@ -29,7 +29,7 @@ const WIRING_TIMEOUT: Duration = Duration::from_millis(500);
 const STRIKES_MAX: u32 = 2;
 
 /// A closed wiring: everything that shares depend on.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Wiring {
     /// Its number.
     pub epoch: Epoch,
@@ -40,7 +40,7 @@ pub struct Wiring {
 }
 
 /// What the backplane's chain wants done.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum BackplaneOutput {
     /// Send this to that board.
     Send(BoardKey, ToBoardChain),
@@ -63,13 +63,13 @@ const _: () = assert!(
     "a beat or two may be late before another is granted a term"
 );
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Slot {
     key: BoardKey,
     address: String,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Opening {
     placed: BTreeSet<BoardKey>,
     acknowledged: BTreeSet<BoardKey>,
@@ -78,7 +78,7 @@ struct Opening {
 }
 
 /// See the module's head.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct BackplaneChain {
     /// The boards that are to be in the row, from the left.
     row: Vec<Slot>,

@@ -13,11 +13,11 @@ use crate::time::Time;
 use std::collections::VecDeque;
 
 /// The shell's name for one neighbour connection, never used again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct LinkId(pub u64);
 
 /// A board's place under one wiring that is or will be in effect.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Place {
     /// The wiring.
     pub epoch: Epoch,
@@ -30,7 +30,7 @@ pub struct Place {
 }
 
 /// What a board's chain wants done.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum BoardOutput {
     /// Close any link to the left, and open one to this address; report with [`BoardChain::on_left_linked`] or
     /// [`BoardChain::on_link_lost`].
@@ -50,7 +50,7 @@ pub enum BoardOutput {
     Beat,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Seat {
     epoch: Epoch,
     /// `None`: the backplane is to the left.
@@ -59,11 +59,13 @@ struct Seat {
     right: Option<BoardKey>,
     right_link: Option<LinkId>,
     id: Option<u32>,
+    /// The backplane has been told the id.
+    is_reported: bool,
     total: Option<u32>,
 }
 
 /// See the module's head.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct BoardChain {
     key: BoardKey,
     seat: Option<Seat>,
@@ -220,7 +222,16 @@ impl BoardChain {
                 Some(key)
             }
         };
-        self.seat = Some(Seat { epoch, left_board, left_link: None, right, right_link: None, id: kept, total: None });
+        self.seat = Some(Seat {
+            epoch,
+            left_board,
+            left_link: None,
+            right,
+            right_link: None,
+            id: kept,
+            is_reported: false,
+            total: None,
+        });
         match self.early {
             Some((e, key, link)) if e <= epoch => {
                 self.early = None;
@@ -251,7 +262,9 @@ impl BoardChain {
         let Some(seat) = &mut self.seat else { return };
         let Some(id) = seat.id else { return };
         let epoch = seat.epoch;
-        self.outputs.push_back(BoardOutput::ToBackplane(FromBoardChain::Placed { epoch, id }));
+        if !std::mem::replace(&mut seat.is_reported, true) {
+            self.outputs.push_back(BoardOutput::ToBackplane(FromBoardChain::Placed { epoch, id }));
+        }
         match (seat.right, seat.right_link) {
             (None, _) => {
                 if seat.total.is_none() {

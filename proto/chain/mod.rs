@@ -34,7 +34,7 @@ use crate::ids::{BoardKey, Epoch, FrameNumber};
 use serde::{Deserialize, Serialize};
 
 /// Who is to a board's left.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum Left {
     /// Nobody: the board is the first, and the id comes over its link to the backplane.
     Backplane,
@@ -48,7 +48,7 @@ pub enum Left {
 }
 
 /// An end of a board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum Side {
     /// Towards id 0.
     Left,
@@ -57,7 +57,7 @@ pub enum Side {
 }
 
 /// Backplane → board.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum ToBoardChain {
     /// A new wiring begins: connect to the left, expect the right.
     Wire {
@@ -96,7 +96,7 @@ impl ToBoardChain {
 }
 
 /// Board → backplane.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum FromBoardChain {
     /// An id has come from the left.
     Placed {

@@ -158,7 +158,7 @@ impl BoardTerm {
 }
 
 /// What a stand-by wants done.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum StandByOutput {
     /// Ask this board.
     Ask(BoardKey, Ask),
@@ -180,7 +180,7 @@ pub enum StandByOutput {
 }
 
 /// A stand-by's part: it watches the leader, and asks the boards when that is gone.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct StandBy {
     /// Which of two it is: their terms are odd and even, so that no two ask for the same one.
     rank: u64,
@@ -354,7 +354,7 @@ impl StandBy {
 }
 
 /// A leader's part: what a majority of its boards has seen.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Quorum {
     /// The last settled wiring, and how many boards it has.
     settled: BTreeSet<BoardKey>,

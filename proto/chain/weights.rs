@@ -12,7 +12,9 @@ use std::time::Duration;
 /// The largest weight. Small, because the sum of weights is the modulus of the lattice.
 pub(super) const WEIGHT_MAX: u32 = 8;
 /// Frames over which a cost is smoothed.
-const SMOOTHING: f64 = 16.0;
+const SMOOTHING: u32 = 16;
+/// Parts of a nanosecond in which costs are kept: whole numbers, so that states can be compared.
+const FRACTION: u64 = 64;
 /// Frames measured before a board's speed counts.
 const FRAMES_MIN: u32 = 16;
 /// The slowest board's part of a period from which on weights matter.
@@ -30,10 +32,10 @@ const PUT_OUT: u32 = 8 * MISS;
 
 const _: () = assert!(SHRINK > 3 * MISS, "a stall of two periods changes nothing");
 
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct Measured {
-    /// Time per unit of weight, s.
-    cost: f64,
+    /// Time per unit of weight, ns / [`FRACTION`].
+    cost: u64,
     frames: u32,
     misses: u32,
     /// Its part of its fair weight, in eighths, that misses have left it.
@@ -52,7 +54,7 @@ pub(super) enum Verdict {
 }
 
 /// See the module's head.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Weights {
     boards: BTreeMap<BoardKey, Measured>,
     changed: Option<Time>,
@@ -66,9 +68,11 @@ impl Weights {
         if measured.misses == 0 {
             measured.left = WEIGHT_MAX;
         }
-        let unit = cost.as_secs_f64() / f64::from(weight.max(1));
-        let part = 1.0 / SMOOTHING.min(f64::from(measured.frames) + 1.0);
-        measured.cost += (unit - measured.cost) * part;
+        // A day at most, so that nothing overflows.
+        let cost = cost.min(Duration::from_secs(86_400)).as_nanos() as u64;
+        let unit = cost * FRACTION / u64::from(weight.max(1));
+        let frames = u64::from(SMOOTHING.min(measured.frames.saturating_add(1)));
+        measured.cost = (measured.cost * (frames - 1) + unit) / frames;
         measured.frames = measured.frames.saturating_add(1);
     }
 
@@ -110,12 +114,13 @@ impl Weights {
     /// A wiring with such weights takes effect.
     pub(super) fn on_active(&mut self, now: Time, present: &[u32], before: &[u32]) {
         // What has been measured per unit of weight is of the same part of the picture only while the sum is the same.
-        let (sum, old) = (present.iter().sum::<u32>(), before.iter().sum::<u32>());
+        let sum_of = |weights: &[u32]| weights.iter().map(|weight| u64::from(*weight)).sum::<u64>();
+        let (sum, old) = (sum_of(present), sum_of(before));
         if present != before {
             self.changed = Some(now);
         }
         for measured in self.boards.values_mut().filter(|_| sum > 0 && old > 0) {
-            measured.cost *= f64::from(old) / f64::from(sum);
+            measured.cost = measured.cost / sum * old;
         }
     }
 
@@ -146,7 +151,7 @@ impl Weights {
     fn units(&self, members: &[BoardKey]) -> Option<Vec<f64>> {
         let unit = |key| {
             let measured = self.boards.get(key).filter(|measured| measured.frames >= FRAMES_MIN)?;
-            (measured.cost > 0.0).then_some(measured.cost)
+            (measured.cost > 0).then_some(measured.cost as f64 / FRACTION as f64 / 1e9)
         };
         members.iter().map(unit).collect()
     }
