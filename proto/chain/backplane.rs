@@ -440,8 +440,8 @@ impl BackplaneChain {
     fn close_if_complete(&mut self) {
         let Some(opening) = &self.opening else { return };
         let is_complete = opening.total && opening.acknowledged.len() == self.members.len();
-        let all_placed = opening.placed.len() == self.members.len();
-        if !is_complete && !(all_placed && is_planted(Bug::AcknowledgementsNotAwaited)) {
+        let is_planted = is_planted(Bug::AcknowledgementsNotAwaited) && opening.placed.len() == self.members.len();
+        if !is_complete && !is_planted {
             return;
         }
         let (epoch, members) = (self.epoch, self.members.clone());

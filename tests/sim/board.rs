@@ -177,7 +177,9 @@ impl Board {
         } else {
             for rank in 0..2 {
                 let Some(session) = &mut self.sessions[rank] else { continue };
-                for (display, _) in session.tiles.extract_if(.., |_, tiles| *tiles == wire) {
+                let gone = session.tiles.iter().find(|(_, tiles)| **tiles == wire).map(|(display, _)| *display);
+                if let Some(display) = gone {
+                    session.tiles.remove(&display);
                     self.tiles_again.insert((rank, display), now + TILES_AGAIN);
                 }
             }
@@ -198,9 +200,10 @@ impl Board {
         for wire in session.tiles.into_values() {
             context.net.close(self.node, wire);
         }
-        for (link, _) in self.neighbours.extract_if(.., |_, of| *of == rank) {
+        for link in self.neighbours.iter().filter(|(_, of)| **of == rank).map(|(link, _)| *link) {
             context.net.close(self.node, Wire(link.0 as u32));
         }
+        self.neighbours.retain(|_, of| *of != rank);
     }
 
     /// Something came over a link.
@@ -370,7 +373,8 @@ impl Board {
     }
 
     fn connect_tiles(&mut self, context: &mut Context, now: Time) {
-        for ((rank, display), _) in self.tiles_again.extract_if(.., |_, at| now >= *at) {
+        while let Some((rank, display)) = self.tiles_again.iter().find(|(_, at)| now >= **at).map(|(of, _)| *of) {
+            self.tiles_again.remove(&(rank, display));
             if let Some(session) = self.sessions[rank].as_ref().filter(|session| !session.tiles.contains_key(&display))
             {
                 let purpose = Purpose::Tiles(rank as u8, session.key);

@@ -19,6 +19,8 @@ const SWAPS_MAX: usize = 120;
 const AGAIN: Duration = Duration::from_millis(30);
 
 type Sender = (u8, BoardKey);
+/// What a board has drawn, the newest last.
+type Drawn = VecDeque<(Epoch, FrameNumber, Masks)>;
 
 /// See the module's head.
 #[derive(Debug)]
@@ -27,7 +29,7 @@ pub(crate) struct Display {
     index: u8,
     sessions: [Option<Wire>; 2],
     again: [Option<Time>; 2],
-    senders: BTreeMap<Sender, (Wire, VecDeque<(Epoch, FrameNumber, Masks)>)>,
+    senders: BTreeMap<Sender, (Wire, Drawn)>,
     swaps: VecDeque<(u8, Swap)>,
     term: Term,
     shown: Option<FrameNumber>,

@@ -41,7 +41,7 @@ struct Leading {
 #[derive(Debug)]
 enum Role {
     Leading(Box<Leading>),
-    StandBy(StandBy),
+    StandBy(Box<StandBy>),
 }
 
 /// See the module's head.
@@ -78,7 +78,7 @@ impl Manager {
             let chain = BackplaneChain::in_term(term, Quorum::default());
             Role::Leading(Box::new(Leading::new(now, term, chain, FrameNumber(0), context.plan.views)))
         } else {
-            Role::StandBy(StandBy::new(now, rank.into(), Term(0)))
+            Role::StandBy(Box::new(StandBy::new(now, rank.into(), Term(0))))
         };
         Self {
             node,
@@ -217,7 +217,7 @@ impl Manager {
             (Role::StandBy(stand_by), message) => stand_by.on_leader(now, message),
             (Role::Leading(leading), BetweenBackplanes::Consented { epoch }) => leading.chain.on_consent(epoch),
             (Role::Leading(leading), BetweenBackplanes::Leads { term }) if term > leading.term => {
-                self.resign(context, term)
+                self.resign(context, term);
             }
             _ => {}
         }
@@ -249,7 +249,7 @@ impl Manager {
         for key in self.boards.keys() {
             stand_by.on_board(now, *key);
         }
-        self.role = Role::StandBy(stand_by);
+        self.role = Role::StandBy(Box::new(stand_by));
         self.again = self.watched.is_none().then_some(now);
     }
 

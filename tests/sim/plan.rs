@@ -1,4 +1,4 @@
-//! What a seed decides: the rig, its network, and the faults. As in TigerBeetle's simulator some kinds of faults are wholly off in
+//! What a seed decides: the rig, its network, and the faults. As in `TigerBeetle`'s simulator some kinds of faults are wholly off in
 //! each run, so that the rest can be seen alone, in all combinations.
 
 use crate::net::Node;

@@ -228,7 +228,7 @@ impl World {
         }
         match fault.kind {
             Kind::Crash(node) | Kind::PowerOff(node) if begins => {
-                self.halt(node, matches!(fault.kind, Kind::PowerOff(_)))
+                self.halt(node, matches!(fault.kind, Kind::PowerOff(_)));
             }
             Kind::Crash(node) | Kind::PowerOff(node) => self.boot(node),
             Kind::Stall(node) if begins => self.context.net.stall(node, fault.until - fault.from),
@@ -256,7 +256,7 @@ impl World {
                 }
             }
             Kind::Slow(node, times) => {
-                self.with_board(node, |board, _| board.slowness = if begins { times } else { 1 })
+                self.with_board(node, |board, _| board.slowness = if begins { times } else { 1 });
             }
             Kind::Hang(node) => self.with_board(node, |board, context| {
                 board.is_hung = begins;

@@ -1,5 +1,6 @@
 //! How the chain grows with boards: the table of docs/chain.md, made from the cores and the codec. A table that has changed is written
 //! anew with `CYCLORAMA_RENEW=1 cargo test -p cyclorama-sim --test scaling`.
+#![expect(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 
 use bytes::Bytes;
 use proto::chain::{BackplaneChain, BackplaneOutput, BoardChain, BoardOutput, LinkId};
@@ -70,7 +71,7 @@ impl Rounds {
                     self.send(1, &bytes, Step::ToBoard(key, message));
                 }
                 BackplaneOutput::Closed(_) => self.closed = Some(self.round),
-                other => assert_eq!(other, BackplaneOutput::Beat),
+                other => assert_eq!(other, BackplaneOutput::Beat, "nobody leaves"),
             }
         }
         for key in self.boards.keys().copied().collect::<Vec<_>>() {
@@ -156,8 +157,8 @@ fn table() -> String {
         let closed = rounds.closed.expect("the wiring closes");
         let (messages, frame) = (rounds.messages, 2 * boards + 1);
         // The formulas of the text.
-        assert_eq!(messages as u64, 7 * boards - 1);
-        assert_eq!(u64::from(closed), if boards == 1 { 2 } else { 2 * boards + 3 });
+        assert_eq!(messages as u64, 7 * boards - 1, "messages of {boards} boards");
+        assert_eq!(u64::from(closed), if boards == 1 { 2 } else { 2 * boards + 3 }, "delays of {boards} boards");
         writeln!(text, "| {boards} | {frame} | {} | {messages} | {} | {closed} |", frame_bytes(boards), rounds.bytes)
             .unwrap();
     }

@@ -1,4 +1,5 @@
 //! Seeds in the share of the ordinary test command. Longer: `cargo run --release -p cyclorama-sim -- --seeds 10000`.
+#![expect(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 
 use cyclorama_sim::plan::{Faults, Plan};
 use cyclorama_sim::{Outcome, run};

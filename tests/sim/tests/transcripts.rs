@@ -1,5 +1,6 @@
 //! Transcripts: one readable file per row of chain.md's event table, with what each end of the chain says. A changed behaviour is
 //! a changed file: `CYCLORAMA_RENEW=1 cargo test -p cyclorama-sim --test transcripts` writes them anew.
+#![expect(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 
 use proto::chain::planted::{Bug, plant};
 use proto::chain::{
@@ -66,7 +67,7 @@ impl Stage {
     fn join(&mut self, key: u64) {
         self.note(&format!("board {key} holds the scene and joins"));
         self.boards.insert(BoardKey(key), BoardChain::new(BoardKey(key)));
-        assert!(self.backplane.on_join(self.now, BoardKey(key), key.to_string()));
+        assert!(self.backplane.on_join(self.now, BoardKey(key), key.to_string()), "there is room");
         self.settle();
     }
 
@@ -275,7 +276,7 @@ fn two_backplanes() -> String {
                 stand_by.on_answer(key, answer);
             }
             StandByOutput::Lead { term, first, .. } => {
-                writeln!(text, "    it leads by {term:?}, from {first:?} on").unwrap()
+                writeln!(text, "    it leads by {term:?}, from {first:?} on").unwrap();
             }
             _ => {}
         }

@@ -1,6 +1,7 @@
 //! Every interleaving of a small rig, on the daemons' own cores.
 //!
 //! Longer: `CYCLORAMA_DEPTH=40 cargo test -p cyclorama-sim --test model -- --nocapture`.
+#![expect(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 #![expect(clippy::print_stdout, reason = "how many states were looked at")]
 
 mod terms;

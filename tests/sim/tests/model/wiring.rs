@@ -157,7 +157,7 @@ impl State {
                 self.has_hole |= self.boards.get(key).is_some_and(|board| board.place(epoch).is_none());
             }
             (Lane::ToBackplane(key), Some(Flight::ToBackplane(message))) => {
-                self.backplane.on_message(NOW, *key, message)
+                self.backplane.on_message(NOW, *key, message);
             }
             (Lane::ToBackplane(key), Some(Flight::Lost)) => self.backplane.on_lost(NOW, *key),
             (Lane::Connect(from, epoch), Some(Flight::Connect(to))) => self.connect(*from, *epoch, to),
