@@ -253,3 +253,73 @@ impl Checks {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Faults;
+    use proto::ids::BoardKey;
+
+    const LONG_AFTER: u64 = 10_000_000_000;
+
+    fn swap(frame: u64, complete: bool) -> Swap {
+        let boards = vec![BoardKey(1), BoardKey(2)];
+        Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: vec![complete], boards, preview: false }
+    }
+
+    /// What is said of what happens.
+    fn said(happen: impl Fn(&mut Checks)) -> String {
+        let mut checks = Checks::default();
+        happen(&mut checks);
+        checks.violations().join("; ")
+    }
+
+    #[test]
+    fn a_right_run_is_right() {
+        let tiles: [Rc<[u64]>; 2] = [vec![VIEW_TILES >> 1].into(), vec![VIEW_TILES & !(VIEW_TILES >> 1)].into()];
+        let happen = |checks: &mut Checks| {
+            checks.on_opened(1, 0, FrameNumber(1), Epoch(1));
+            checks.on_drawn(2, 0, FrameNumber(1), Epoch(1), &tiles[0]);
+            checks.on_drawn(2, 1, FrameNumber(1), Epoch(1), &tiles[1]);
+            checks.on_swap(3, &swap(1, true), 1, false);
+            checks.on_shown(4, 0, &swap(1, true), &[0], &tiles);
+            checks.look(LONG_AFTER, 0, Some(FrameNumber(1)));
+        };
+        assert_eq!(said(happen), "");
+    }
+
+    #[test]
+    fn every_checker_fires() {
+        let half: Rc<[u64]> = vec![VIEW_TILES >> 1].into();
+        let draw = |checks: &mut Checks, board| checks.on_drawn(1, board, FrameNumber(1), Epoch(1), &half);
+        assert!(said(|c| [1, 2].into_iter().for_each(|board| draw(c, board))).contains("second owner"));
+        assert!(said(|c| c.on_shown(1, 0, &swap(1, true), &[0], std::slice::from_ref(&half))).contains("tiles are"));
+        let open = |c: &mut Checks, epoch| c.on_opened(1, 0, FrameNumber(1), Epoch(epoch));
+        assert!(said(|c| [1, 2].into_iter().for_each(|epoch| open(c, epoch))).contains("was opened under"));
+        let swap_one = |c: &mut Checks| c.on_swap(1, &swap(1, true), 1, false);
+        assert!(said(|c| (0..2).for_each(|_| swap_one(c))).contains("a second time"));
+        assert!(said(|c| c.on_swap(LONG_AFTER, &swap(1, false), 1, true)).contains("late without a cause"));
+        assert!(said(|c| c.on_put_out(LONG_AFTER, Node::Board(1), "")).contains("put out without a cause"));
+        let shows = |c: &mut Checks, frame| c.on_shown(1, 0, &swap(frame, false), &[0], &[]);
+        assert!(said(|c| [2, 1].into_iter().for_each(|frame| shows(c, frame))).contains("after"));
+        let other = |c: &mut Checks| {
+            swap_one(c);
+            shows(c, 1);
+        };
+        assert!(said(other).contains("than others"));
+        let lag = |c: &mut Checks| {
+            swap_one(c);
+            c.look(LONG_AFTER, 0, None);
+        };
+        assert!(said(lag).contains("swapped long ago"));
+        let plan = Plan { managers: 1, rests: false, ..Plan::draw(1, Faults::None) };
+        assert!(said(|c| c.on_end(LONG_AFTER, &plan, Some(1), 2)).contains("in the row"));
+        assert!(said(|c| c.on_end(LONG_AFTER, &plan, Some(2), 2)).contains("no frame is shown"));
+        let late = |c: &mut Checks| {
+            c.begin(LONG_AFTER);
+            c.on_swap(LONG_AFTER - 1, &swap(1, false), 1, true);
+            c.on_end(LONG_AFTER, &plan, Some(2), 2);
+        };
+        assert!(said(late).contains("long after the last fault"));
+    }
+}
