@@ -131,9 +131,9 @@ mod tests {
             let before = rate.divider();
             at += before;
             if cost < rate.period() {
-                rate.on_timely(cost)
+                rate.on_timely(cost);
             } else {
-                rate.on_late()
+                rate.on_late();
             }
             changes += u32::from(rate.divider() != before);
         }
