@@ -37,6 +37,10 @@ number_id! {
     Epoch(u64), "epoch "
 }
 number_id! {
+    /// One leadership of a backplane. Odd and even terms are different backplanes' ([`crate::chain::StandBy`]).
+    Term(u64), "term "
+}
+number_id! {
     /// One picture of the whole rig. Every view of a swap shows the same frame number.
     FrameNumber(u64), "frame "
 }
@@ -59,6 +63,29 @@ number_id! {
 number_id! {
     /// Index into the subobject table of a scene: one mesh drawn with one object's transformation; what lists name.
     SubobjectId(u32), "subobject "
+}
+
+/// Bits of an epoch that count the wirings of one term; as many are left for terms. At one a millisecond they last seven weeks, at the rate at
+/// which terms can be asked for in vain, ninety years.
+const EPOCH_BITS: u32 = 32;
+
+impl Epoch {
+    /// The number below all epochs of a term, and above all epochs of lower ones.
+    pub fn first_of(term: Term) -> Self {
+        Self(term.0 << EPOCH_BITS)
+    }
+
+    /// The term in which it was made; 0 where no backplane can replace another.
+    pub fn term(self) -> Term {
+        Term(self.0 >> EPOCH_BITS)
+    }
+}
+
+impl Term {
+    /// The lowest term above this one that is the backplane's of this rank, 0 or 1.
+    pub fn next_of(self, rank: u64) -> Self {
+        Self(self.0 + 1 + (self.0 + 1 + rank) % 2)
+    }
 }
 
 /// The name of a payload by what is in it: the first 128 bits of its BLAKE3 hash.

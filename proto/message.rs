@@ -1,7 +1,7 @@
 //! What the daemons say to each other, link by link. Every message is a typed header and maybe a raw payload
 //! ([`crate::codec::encode`]); the payload of each is named here. New variants go to the end.
 
-use crate::chain::{FromBoardChain, ToBoardChain};
+use crate::chain::{Answer, Ask, FromBoardChain, ToBoardChain};
 use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
 use crate::frame::{FrameRecord, FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
 use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, ViewId};
@@ -9,6 +9,7 @@ use crate::limits;
 use crate::piece::SliceHeader;
 use crate::view::ViewSetup;
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// First message of whoever connects to the backplane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,6 +76,10 @@ pub enum ToBoard {
     Frame(FrameHeader),
     /// The rig ends, or the board has drained.
     Goodbye,
+    /// The backplane is there, and has nothing else to say.
+    Alive,
+    /// A stand-by wants to lead.
+    Ask(Ask),
 }
 
 /// Board → backplane.
@@ -108,6 +113,10 @@ pub enum FromBoard {
     },
     /// The board wants to leave; it stays until told [`ToBoard::Goodbye`].
     Leave,
+    /// The board is there, and has had nothing else to say for [`crate::chain::BEAT`].
+    Alive,
+    /// The answer to a stand-by.
+    Answer(Answer),
 }
 
 /// What one frame cost one board.
@@ -143,6 +152,14 @@ pub struct BoardReport {
     pub frames_unchanged: u64,
     /// Bytes of tiles sent.
     pub tile_bytes: u64,
+}
+
+impl BoardReport {
+    /// What drawing took, without what depends on the compositor's link.
+    pub fn drawing(&self) -> Duration {
+        let stages = [self.geometry_ns, self.raster_ns, self.translucency_ns, self.resolve_ns];
+        Duration::from_nanos(stages.into_iter().fold(0, u64::saturating_add))
+    }
 }
 
 /// The head of a frame for one board.
@@ -379,7 +396,7 @@ pub fn split_tiles(
 }
 
 /// Board ↔ board: the neighbour link. The right board opens it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum NeighbourMessage {
     /// From the right board, first: who I am and for which wiring.
     Hello {

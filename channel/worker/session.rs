@@ -12,9 +12,10 @@ use proto::link::{self, Link, LinkError};
 use proto::message::{FrameHeader, FromBoard, Hello, Role, ToBoard};
 use proto::piece::{Assembler, SliceHeader};
 use proto::share::shares;
+use proto::time::Time;
 use proto::view::ViewSetup;
 use std::net::SocketAddr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::net::TcpStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
@@ -38,6 +39,7 @@ pub(super) enum End {
 pub(super) struct Session {
     backplane: Link<TcpStream>,
     chain: BoardChain,
+    started: Instant,
     key: BoardKey,
     views: Vec<ViewSetup>,
     outlet: Option<(String, DropGuard)>,
@@ -68,6 +70,7 @@ impl Session {
         Ok(Self {
             backplane: backplane?,
             chain: BoardChain::new(key),
+            started: Instant::now(),
             key,
             views: Vec::new(),
             outlet: None,
@@ -85,6 +88,7 @@ impl Session {
     ) -> End {
         let mut leaving = None;
         loop {
+            let beat = tokio::time::sleep(self.chain.next_timeout().since(self.now()));
             let deadline = async {
                 match leaving {
                     Some(at) => tokio::time::sleep_until(at).await,
@@ -116,11 +120,21 @@ impl Session {
                     }
                 }
                 () = deadline => return End::Shutdown,
+                () = beat, if self.key != BoardKey(0) => self.chain.on_timeout(self.now()),
             }
             if let Err(error) = self.drain(neighbours).await {
                 return End::Lost(error);
             }
         }
+    }
+
+    fn now(&self) -> Time {
+        Time(self.started.elapsed().as_nanos() as u64)
+    }
+
+    async fn say(&mut self, message: &FromBoard, payload: &[u8]) -> Result<(), LinkError> {
+        self.chain.on_sent(self.now());
+        link::send(&mut self.backplane, message, payload).await
     }
 
     fn on_message(&mut self, message: ToBoard, payload: Bytes, painter: &Painter) -> Result<(), End> {
@@ -147,6 +161,8 @@ impl Session {
             ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
             ToBoard::Chain(message) => self.chain.on_backplane(message),
             ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
+            // The link is alive. A board that knows one backplane has no term to grant.
+            ToBoard::Alive | ToBoard::Ask(_) => {}
         }
         Ok(())
     }
@@ -213,7 +229,7 @@ impl Session {
                 loop {
                     let names = encode_ids(runs.next().unwrap_or_default());
                     let more = runs.peek().is_some();
-                    link::send(&mut self.backplane, &FromBoard::Holding { scene, more }, &names).await?;
+                    self.say(&FromBoard::Holding { scene, more }, &names).await?;
                     if !more {
                         return Ok(());
                     }
@@ -221,12 +237,10 @@ impl Session {
             }
             Painted::Stored { id, len } => {
                 self.loading = self.loading.saturating_sub(len);
-                link::send(&mut self.backplane, &FromBoard::Stored, &id.0).await
+                self.say(&FromBoard::Stored, &id.0).await
             }
-            Painted::Loaded(scene) => link::send(&mut self.backplane, &FromBoard::Loaded { scene }, &[]).await,
-            Painted::Ready { frame, epoch, report } => {
-                link::send(&mut self.backplane, &FromBoard::Ready { frame, epoch, report }, &[]).await
-            }
+            Painted::Loaded(scene) => self.say(&FromBoard::Loaded { scene }, &[]).await,
+            Painted::Ready { frame, epoch, report } => self.say(&FromBoard::Ready { frame, epoch, report }, &[]).await,
             Painted::Refused(error) => {
                 tracing::error!(%error, "the backplane sent something that can't be drawn");
                 Err(LinkError::Closed)
@@ -239,10 +253,11 @@ impl Session {
             match output {
                 BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address),
                 BoardOutput::ToBackplane(message) => {
-                    link::send(&mut self.backplane, &FromBoard::Chain(message), &[]).await?;
+                    self.say(&FromBoard::Chain(message), &[]).await?;
                 }
                 BoardOutput::ToNeighbour(link, message) => neighbours.send(link, message),
                 BoardOutput::Close(link) => neighbours.close(link),
+                BoardOutput::Beat => self.say(&FromBoard::Alive, &[]).await?,
             }
         }
         Ok(())

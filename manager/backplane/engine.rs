@@ -38,6 +38,8 @@ use tokio::sync::oneshot;
 const FACTS_PER_TURN: usize = 256;
 /// Longest sleep: nothing is due, but a look at the state costs nothing.
 const IDLE: Duration = Duration::from_millis(100);
+/// Silence that means death where frames have no deadline: nobody is late there, so a machine may be as busy as it likes.
+const LOCK_STEP_SILENCE: Duration = Duration::from_secs(5);
 /// How long after the last request for the console's picture previews are still made.
 const PREVIEW_INTEREST: Duration = Duration::from_secs(3);
 /// Shortest time between previews.
@@ -184,13 +186,18 @@ impl Engine {
         config.wait_for_boards = config.wait_for_boards.max(1);
         let stream = Stream::new(catalogue);
         let director = Director::new(config.stage.clone());
+        let mut chain = BackplaneChain::new();
+        match config.mode {
+            ClockMode::RealTime { period } => chain.set_period(period),
+            ClockMode::LockStep => chain.set_silence(LOCK_STEP_SILENCE),
+        }
         let clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
         Self {
             config,
             content,
             poses,
             started,
-            chain: BackplaneChain::new(),
+            chain,
             clock,
             director,
             stream,
@@ -403,6 +410,7 @@ impl Engine {
 
     fn on_board(&mut self, key: BoardKey, message: FromBoard, payload: &Bytes) {
         let now = self.now();
+        self.chain.on_heard(now, key);
         // A message that was under way when the board was dropped.
         let Some(board) = self.boards.get_mut(&key).filter(|board| !board.is_out) else { return };
         match message {
@@ -412,6 +420,7 @@ impl Engine {
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
             FromBoard::Ready { frame, epoch, report } => {
                 self.statistics.on_board_report(&report);
+                self.chain.on_ready(now, key, epoch, report.drawing());
                 self.clock.on_ready(now, key, frame, epoch);
                 self.stream.on_ready(key, frame);
                 self.feed(key);
@@ -420,6 +429,8 @@ impl Engine {
                 board.is_leaving = true;
                 self.chain.on_leave(now, key);
             }
+            // It has been heard; nobody here asks for a term.
+            FromBoard::Alive | FromBoard::Answer(_) => {}
         }
     }
 
@@ -488,7 +499,8 @@ impl Engine {
 
     /// Carries out what the cores want.
     fn drain(&mut self) {
-        while let Some(ClockOutput::Swap { swap, opened, late }) = self.clock.poll_output() {
+        while let Some(ClockOutput::Swap { swap, opened, late, missing }) = self.clock.poll_output() {
+            self.chain.on_frame_over(self.now(), &missing);
             self.swap(swap, opened, late);
         }
         while let Some(output) = self.chain.poll_output() {
@@ -505,6 +517,7 @@ impl Engine {
                     }
                 }
                 BackplaneOutput::PutOut(key, why) => self.put_out(key, why),
+                BackplaneOutput::Beat => self.tell_boards(&ToBoard::Alive),
                 BackplaneOutput::Closed(epoch) => {
                     self.log("wired", format!("{epoch:?}: {} boards", self.chain.len()));
                     self.clock.on_rewired();

@@ -3,18 +3,21 @@
 //! The right neighbour may connect before the backplane's word about the new wiring has arrived; such an early link is
 //! kept (one, the newest) until it has. Everything about an older wiring than the newest known is ignored.
 
+use super::planted::{Bug, is_planted};
+use super::watch::BEAT;
 use super::{FromBoardChain, Left, Side, ToBoardChain};
 use crate::ids::{BoardId, BoardKey, Epoch, FrameNumber};
 use crate::limits;
 use crate::message::NeighbourMessage;
+use crate::time::Time;
 use std::collections::VecDeque;
 
 /// The shell's name for one neighbour connection, never used again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct LinkId(pub u64);
 
 /// A board's place under one wiring that is or will be in effect.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Place {
     /// The wiring.
     pub epoch: Epoch,
@@ -27,7 +30,7 @@ pub struct Place {
 }
 
 /// What a board's chain wants done.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum BoardOutput {
     /// Close any link to the left, and open one to this address; report with [`BoardChain::on_left_linked`] or
     /// [`BoardChain::on_link_lost`].
@@ -43,9 +46,11 @@ pub enum BoardOutput {
     ToNeighbour(LinkId, NeighbourMessage),
     /// Close a neighbour link.
     Close(LinkId),
+    /// Say to the backplane that the board is there ([`crate::message::FromBoard::Alive`]).
+    Beat,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Seat {
     epoch: Epoch,
     /// `None`: the backplane is to the left.
@@ -54,23 +59,27 @@ struct Seat {
     right: Option<BoardKey>,
     right_link: Option<LinkId>,
     id: Option<u32>,
+    /// The backplane has been told the id.
+    is_reported: bool,
     total: Option<u32>,
 }
 
 /// See the module's head.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct BoardChain {
     key: BoardKey,
     seat: Option<Seat>,
     early: Option<(Epoch, BoardKey, LinkId)>,
     place: Option<Place>,
+    /// When the backplane must hear from the board.
+    beat: Time,
     outputs: VecDeque<BoardOutput>,
 }
 
 impl BoardChain {
     /// A board that the backplane calls `key`, not yet in any row.
     pub fn new(key: BoardKey) -> Self {
-        Self { key, seat: None, early: None, place: None, outputs: VecDeque::new() }
+        Self { key, seat: None, early: None, place: None, beat: Time(0), outputs: VecDeque::new() }
     }
 
     /// The backplane said something.
@@ -109,6 +118,8 @@ impl BoardChain {
     /// A neighbour said something. A link that the board didn't open says hello first.
     pub fn on_neighbour(&mut self, link: LinkId, message: NeighbourMessage) {
         match message {
+            // A link that is in use has said its hello: another one is slipped in.
+            NeighbourMessage::Hello { .. } if self.is_known(link) => {}
             NeighbourMessage::Hello { key, epoch } => {
                 let newest = self.seat.as_ref().map_or(Epoch(0), |seat| seat.epoch);
                 if epoch > newest {
@@ -170,6 +181,24 @@ impl BoardChain {
         self.place.as_ref().filter(|place| place.epoch == epoch)
     }
 
+    /// Something went to the backplane: no beat is needed for a while. Call it for whatever is sent but beats.
+    pub fn on_sent(&mut self, now: Time) {
+        self.beat = now + BEAT;
+    }
+
+    /// When [`Self::on_timeout`] is due.
+    pub fn next_timeout(&self) -> Time {
+        self.beat
+    }
+
+    /// Time has passed.
+    pub fn on_timeout(&mut self, now: Time) {
+        if now >= self.beat {
+            self.beat = now + BEAT;
+            self.outputs.push_back(BoardOutput::Beat);
+        }
+    }
+
     /// The next thing to do; `None`: wait.
     pub fn poll_output(&mut self) -> Option<BoardOutput> {
         self.outputs.pop_front()
@@ -179,7 +208,9 @@ impl BoardChain {
         if self.seat.as_ref().is_some_and(|seat| seat.epoch >= epoch) {
             return;
         }
+        let mut kept = None;
         if let Some(old) = self.seat.take() {
+            kept = old.id.filter(|_| is_planted(Bug::OldPlaceKept));
             for link in [old.left_link, old.right_link].into_iter().flatten() {
                 self.outputs.push_back(BoardOutput::Close(link));
             }
@@ -191,7 +222,16 @@ impl BoardChain {
                 Some(key)
             }
         };
-        self.seat = Some(Seat { epoch, left_board, left_link: None, right, right_link: None, id: None, total: None });
+        self.seat = Some(Seat {
+            epoch,
+            left_board,
+            left_link: None,
+            right,
+            right_link: None,
+            id: kept,
+            is_reported: false,
+            total: None,
+        });
         match self.early {
             Some((e, key, link)) if e <= epoch => {
                 self.early = None;
@@ -199,6 +239,11 @@ impl BoardChain {
             }
             _ => {}
         }
+    }
+
+    fn is_known(&self, link: LinkId) -> bool {
+        let seat = self.seat.as_ref().is_some_and(|s| s.left_link == Some(link) || s.right_link == Some(link));
+        seat || self.early.is_some_and(|(_, _, early)| early == link)
     }
 
     fn take_right(&mut self, epoch: Epoch, key: BoardKey, link: LinkId) {
@@ -217,7 +262,9 @@ impl BoardChain {
         let Some(seat) = &mut self.seat else { return };
         let Some(id) = seat.id else { return };
         let epoch = seat.epoch;
-        self.outputs.push_back(BoardOutput::ToBackplane(FromBoardChain::Placed { epoch, id }));
+        if !std::mem::replace(&mut seat.is_reported, true) {
+            self.outputs.push_back(BoardOutput::ToBackplane(FromBoardChain::Placed { epoch, id }));
+        }
         match (seat.right, seat.right_link) {
             (None, _) => {
                 if seat.total.is_none() {

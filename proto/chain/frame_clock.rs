@@ -42,6 +42,8 @@ pub enum ClockOutput {
         opened: Time,
         /// Whether it was late: some view repeats.
         late: bool,
+        /// The boards that are connected and were not ready ([`super::BackplaneChain::on_frame_over`]).
+        missing: Vec<BoardKey>,
     },
 }
 
@@ -247,7 +249,10 @@ impl FrameClock {
             _ => false,
         };
         if due {
-            self.rate.on_late();
+            // One board of many is hung or slow: a matter of its weight, not of everybody's rate.
+            if self.open.as_ref().is_some_and(|open| open.waiting.len() * 2 >= open.wiring.members.len()) {
+                self.rate.on_late();
+            }
             self.swap();
         }
     }
@@ -301,6 +306,7 @@ impl FrameClock {
             swap: Swap { frame: open.frame, epoch: open.wiring.epoch, complete, boards, preview: false },
             opened: open.opened,
             late,
+            missing: open.waiting.into_iter().collect(),
         });
     }
 }

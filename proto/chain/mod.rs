@@ -10,23 +10,31 @@
 //! (`on_…(now, …)`), drain `poll_output()` until it is empty, wait until the next fact or `next_timeout()`.
 //!
 //! [`BackplaneChain`] and [`BoardChain`] keep the row; [`FrameClock`] opens and swaps frames; [`RateControl`] halves the
-//! frame rate when boards can't follow.
+//! frame rate when boards can't follow; [`Watch`] notices who is silent; [`StandBy`], [`BoardTerm`] and [`Quorum`] decide which of
+//! two backplanes leads.
 
 mod backplane;
 mod board;
 mod frame_clock;
+mod order;
+pub mod planted;
 mod rate;
+mod term;
+mod watch;
+mod weights;
 
-pub use backplane::{BackplaneChain, BackplaneOutput, Wiring};
+pub use backplane::{BACKPLANE_BEAT, BackplaneChain, BackplaneOutput, Wiring};
 pub use board::{BoardChain, BoardOutput, LinkId, Place};
 pub use frame_clock::{ClockMode, ClockOutput, FrameClock};
 pub use rate::RateControl;
+pub use term::{Answer, Ask, BetweenBackplanes, BoardTerm, LEADER_SILENCE, Quorum, Seen, StandBy, StandByOutput};
+pub use watch::{BEAT, PERIOD, SILENCE, Watch};
 
 use crate::ids::{BoardKey, Epoch, FrameNumber};
 use serde::{Deserialize, Serialize};
 
 /// Who is to a board's left.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum Left {
     /// Nobody: the board is the first, and the id comes over its link to the backplane.
     Backplane,
@@ -40,7 +48,7 @@ pub enum Left {
 }
 
 /// An end of a board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum Side {
     /// Towards id 0.
     Left,
@@ -49,7 +57,7 @@ pub enum Side {
 }
 
 /// Backplane → board.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum ToBoardChain {
     /// A new wiring begins: connect to the left, expect the right.
     Wire {
@@ -78,8 +86,17 @@ pub enum ToBoardChain {
     },
 }
 
+impl ToBoardChain {
+    /// The wiring that it is about.
+    pub fn epoch(&self) -> Epoch {
+        match self {
+            Self::Wire { epoch, .. } | Self::Id { epoch, .. } | Self::Activate { epoch, .. } => *epoch,
+        }
+    }
+}
+
 /// Board → backplane.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Hash)]
 pub enum FromBoardChain {
     /// An id has come from the left.
     Placed {

@@ -81,7 +81,7 @@ impl World {
                 BackplaneOutput::Send(key, message) => self.flights.push(Flight::ToBoard(key, copy(&message))),
                 BackplaneOutput::Released(key) => self.released.push(key),
                 BackplaneOutput::PutOut(key, _) => self.put_out.push(key),
-                BackplaneOutput::Closed(_) => {}
+                BackplaneOutput::Closed(_) | BackplaneOutput::Beat => {}
             }
         }
         let keys: Vec<_> = self.boards.keys().copied().collect();
@@ -99,6 +99,7 @@ impl World {
                             self.flights.push(Flight::Neighbour { to, link, message: copy(&message) });
                         }
                     }
+                    BoardOutput::Beat => {}
                     BoardOutput::Close(link) => {
                         if let Some((right, left)) = self.links.remove(&link) {
                             self.flights.push(Flight::Down { at: if right == key { left } else { right }, link });
@@ -163,7 +164,7 @@ impl World {
     }
 
     fn places(&mut self, frame: u64) -> Vec<u64> {
-        self.backplane.on_frame(FrameNumber(frame));
+        self.backplane.on_frame(self.now, FrameNumber(frame));
         self.drain();
         self.settle();
         let wiring = self.backplane.active().expect("a wiring is in effect").clone();
@@ -237,26 +238,100 @@ fn a_board_that_leaves_is_released_only_when_others_draw_its_share() {
     assert_eq!(world.released, [BoardKey(1)]);
 }
 
-#[test]
-fn a_board_that_never_answers_is_put_out_and_the_rest_goes_on() {
+/// Board 2 is deaf: whatever it should hear is lost. Only `beating` boards are heard from. Returns when it is put out.
+fn put_out_deaf_board(beating: &[u64]) -> (World, Duration) {
     let mut world = World::new(5);
-    world.join(1);
-    world.join(2);
-    world.join(3);
-    // Board 2 is deaf: whatever it should hear is lost.
-    while !world.flights.is_empty() {
-        world
-            .flights
-            .retain(|f| !matches!(f, Flight::ToBoard(BoardKey(2), _) | Flight::Neighbour { to: BoardKey(2), .. }));
-        world.step();
+    for key in 1..=3 {
+        world.join(key);
     }
-    let due = world.backplane.next_timeout().expect("the wiring waits");
-    world.backplane.on_timeout(due);
-    world.drain();
-    assert_eq!(world.put_out, [BoardKey(2)]);
+    while world.put_out.is_empty() {
+        while !world.flights.is_empty() {
+            world
+                .flights
+                .retain(|f| !matches!(f, Flight::ToBoard(BoardKey(2), _) | Flight::Neighbour { to: BoardKey(2), .. }));
+            world.step();
+        }
+        world.now = world.backplane.next_timeout().expect("somebody is watched");
+        for key in beating {
+            world.backplane.on_heard(world.now, BoardKey(*key));
+        }
+        world.backplane.on_timeout(world.now);
+        world.drain();
+    }
+    let took = world.now.since(Time(0));
+    assert_eq!(world.put_out, [BoardKey(2)], "after {took:?}");
     world.kill(2);
     world.settle();
     assert_eq!(world.places(0), [1, 3]);
+    (world, took)
+}
+
+#[test]
+fn a_silent_board_is_put_out_within_four_periods_and_the_rest_goes_on() {
+    let (_, took) = put_out_deaf_board(&[1, 3]);
+    assert!(took < 4 * PERIOD, "{took:?}");
+}
+
+#[test]
+fn a_board_that_beats_but_never_takes_its_place_is_tried_elsewhere_and_then_put_out() {
+    let (_, took) = put_out_deaf_board(&[1, 2, 3]);
+    assert!(took >= Duration::from_millis(900), "it had two wirings: {took:?}");
+}
+
+#[test]
+fn two_boards_that_cannot_reach_each_other_are_kept_apart() {
+    let mut world = World::new(8);
+    for key in 1..=4 {
+        world.join(key);
+    }
+    // Board 3 can't connect to board 2.
+    while !world.flights.is_empty() {
+        let is_cut = |f: &Flight| matches!(f, Flight::Connect { from: BoardKey(3), to: BoardKey(2), .. });
+        for flight in world.flights.extract_if(.., |f| is_cut(f)).collect::<Vec<_>>() {
+            let Flight::Connect { epoch, .. } = flight else { unreachable!() };
+            world.boards.get_mut(&BoardKey(3)).unwrap().on_link_lost(Some(epoch), None);
+            world.drain();
+        }
+        world.step();
+    }
+    assert_eq!(world.places(0), [1, 2, 4, 3]);
+    assert!(world.put_out.is_empty());
+}
+
+#[test]
+fn a_board_may_join_anywhere_in_the_row() {
+    let mut world = World::new(9);
+    world.join(1);
+    world.join(2);
+    world.boards.insert(BoardKey(3), BoardChain::new(BoardKey(3)));
+    assert!(world.backplane.on_join_at(world.now, BoardKey(3), "3".into(), 1));
+    world.drain();
+    world.settle();
+    assert_eq!(world.places(0), [1, 3, 2]);
+}
+
+#[test]
+fn a_board_that_hangs_gets_less_and_is_then_put_out_but_not_when_all_are_late() {
+    let mut world = World::new(10);
+    for key in 1..=3 {
+        world.join(key);
+    }
+    world.settle();
+    world.places(0);
+    for _ in 0..20 {
+        world.backplane.on_frame_over(world.now, &[BoardKey(1), BoardKey(2), BoardKey(3)]);
+    }
+    assert!(world.put_out.is_empty() && !world.backplane.has_closed(), "the load is to blame");
+    for misses in 1..=8 {
+        world.backplane.on_frame_over(world.now, &[BoardKey(2)]);
+        world.drain();
+        world.settle();
+        if misses == 4 {
+            world.places(misses);
+            assert_eq!(world.backplane.active().unwrap().weights, [2, 1, 2], "it is given less");
+        }
+        assert_eq!(world.put_out.is_empty(), misses < 8, "{misses} misses");
+    }
 }
 
 #[test]
@@ -268,6 +343,23 @@ fn a_board_that_lies_about_its_place_is_put_out() {
     world.backplane.on_message(world.now, BoardKey(2), FromBoardChain::Placed { epoch, id: 0 });
     world.drain();
     assert_eq!(world.put_out, [BoardKey(2)]);
+}
+
+/// Found by simulation: a hello that came twice over a link closed it, and the row was wired anew.
+#[test]
+fn a_repeated_hello_does_not_close_the_link() {
+    let mut board = BoardChain::new(BoardKey(1));
+    let hello = |epoch| NeighbourMessage::Hello { key: BoardKey(2), epoch: Epoch(epoch) };
+    board.on_neighbour(LinkId(7), hello(3));
+    board.on_neighbour(LinkId(7), hello(3));
+    board.on_backplane(ToBoardChain::Wire { epoch: Epoch(3), left: Left::Backplane, right: Some(BoardKey(2)) });
+    for epoch in [3, 2, 4] {
+        board.on_neighbour(LinkId(7), hello(epoch));
+    }
+    board.on_backplane(ToBoardChain::Id { epoch: Epoch(3), id: 0 });
+    let said: Vec<_> = std::iter::from_fn(|| board.poll_output()).collect();
+    assert!(said.contains(&BoardOutput::ToNeighbour(LinkId(7), NeighbourMessage::Id { epoch: Epoch(3), id: 1 })));
+    assert!(!said.iter().any(|output| matches!(output, BoardOutput::Close(_))), "{said:?}");
 }
 
 #[test]

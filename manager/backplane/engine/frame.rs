@@ -39,7 +39,7 @@ impl Engine {
             return;
         }
         let next = self.clock.next_frame();
-        let Some(wiring) = self.chain.on_frame(next).cloned() else { return };
+        let Some(wiring) = self.chain.on_frame(now, next).cloned() else { return };
         // The boards must hear of the wiring before the first frame under it.
         self.drain();
         let before_select = Instant::now();

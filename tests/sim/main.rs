@@ -1,0 +1,135 @@
+//! `cyclorama-sim`: many seeds, or one with its log.
+#![forbid(unsafe_code)]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a command's output")]
+
+use cyclorama_sim::check::Counts;
+use cyclorama_sim::plan::{END, Faults};
+use cyclorama_sim::run;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+const USAGE: &str = "usage: cyclorama-sim [--seeds N] [--from SEED] [--faults any|none|harmless|short-stalls|crash|power-off|leader-crash|leader-power-off|leader-cut] [--threads N]
+       cyclorama-sim --replay SEED [--faults …]   one seed, with its log";
+
+struct Options {
+    seeds: u64,
+    from: u64,
+    faults: Faults,
+    replay: bool,
+    threads: u64,
+}
+
+fn parse(mut words: impl Iterator<Item = String>) -> Option<Options> {
+    let mut options = Options { seeds: 1000, from: 0, faults: Faults::Any, replay: false, threads: 2 };
+    while let Some(word) = words.next() {
+        let value = words.next()?;
+        match word.as_str() {
+            "--seeds" => options.seeds = value.parse().ok()?,
+            "--from" => options.from = value.parse().ok()?,
+            "--threads" => options.threads = value.parse().ok()?,
+            "--replay" => (options.from, options.replay) = (value.parse().ok()?, true),
+            "--faults" => options.faults = faults(&value)?,
+            _ => return None,
+        }
+    }
+    Some(options)
+}
+
+fn faults(name: &str) -> Option<Faults> {
+    Some(match name {
+        "any" => Faults::Any,
+        "none" => Faults::None,
+        "harmless" => Faults::Harmless,
+        "short-stalls" => Faults::ShortStalls,
+        "crash" => Faults::OneCrash,
+        "power-off" => Faults::OnePowerOff,
+        "leader-crash" => Faults::LeaderCrash,
+        "leader-power-off" => Faults::LeaderPowerOff,
+        "leader-cut" => Faults::LeaderCut,
+        _ => return None,
+    })
+}
+
+fn main() -> ExitCode {
+    let Some(options) = parse(std::env::args().skip(1)) else {
+        eprintln!("{USAGE}");
+        return ExitCode::FAILURE;
+    };
+    if options.replay { replay(&options) } else { many(&options) }
+}
+
+fn replay(options: &Options) -> ExitCode {
+    let outcome = run(options.from, options.faults, true);
+    print!("{}", outcome.log.unwrap_or_default());
+    println!("{:?}", outcome.counts);
+    for violation in &outcome.violations {
+        println!("WRONG {violation}");
+    }
+    if outcome.violations.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn many(options: &Options) -> ExitCode {
+    let (next, wrong) = (AtomicU64::new(0), AtomicU64::new(0));
+    let began = Instant::now();
+    let work = || {
+        let mut all = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            if i >= options.seeds {
+                return all;
+            }
+            let seed = options.from + i;
+            let outcome = run(seed, options.faults, false);
+            if !outcome.violations.is_empty() && wrong.fetch_add(1, Ordering::Relaxed) < 10 {
+                println!("seed {seed}: {}", outcome.violations[0]);
+            }
+            all.push(outcome.counts);
+        }
+    };
+    let counts: Vec<Counts> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..options.threads.max(1)).map(|_| scope.spawn(work)).collect();
+        threads.into_iter().flat_map(|thread| thread.join().unwrap_or_default()).collect()
+    });
+    report(options, &counts, began.elapsed().as_secs_f64());
+    match wrong.into_inner() {
+        0 => ExitCode::SUCCESS,
+        wrong => {
+            println!(
+                "{wrong} seeds were wrong; replay one with: cargo run --release -p cyclorama-sim -- --replay SEED"
+            );
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn report(options: &Options, counts: &[Counts], seconds: f64) {
+    let simulated = END as f64 / 1e9 * counts.len() as f64;
+    let sum = |of: fn(&Counts) -> u64| counts.iter().map(of).sum::<u64>();
+    println!(
+        "{} seeds from {} in {seconds:.1} s: {:.0} seeds/s, {:.0} times real time",
+        counts.len(),
+        options.from,
+        counts.len() as f64 / seconds,
+        simulated / seconds
+    );
+    println!(
+        "{} frames, {} late, {} held, {} boards put out, {} takeovers",
+        sum(|c| c.frames),
+        sum(|c| c.late),
+        sum(|c| c.held),
+        sum(|c| c.put_out),
+        sum(|c| c.takeovers)
+    );
+    spread("noticed", counts.iter().filter_map(|c| c.noticed));
+    spread("repaired", counts.iter().filter_map(|c| c.repaired));
+}
+
+fn spread(what: &str, times: impl Iterator<Item = u64>) {
+    let mut times: Vec<_> = times.map(|ns| ns as f64 / 1e6).collect();
+    times.sort_by(f64::total_cmp);
+    if let Some(last) = times.len().checked_sub(1) {
+        let (p50, p99) = (times[last / 2], times[last * 99 / 100]);
+        println!("{what} after the first fault: p50 {p50:.1} ms, p99 {p99:.1} ms, max {:.1} ms", times[last]);
+    }
+}
