@@ -42,7 +42,8 @@ pub(super) enum Work {
     /// Keep the tables.
     Table(ContentId, Bytes),
     /// Draw these shares of a frame.
-    Frame { header: Box<FrameHeader>, payload: Bytes, shares: Vec<Share> },
+    /// Its shares; `None`: the board has no place under its wiring, so it must not be thought ready with it.
+    Frame { header: Box<FrameHeader>, payload: Bytes, shares: Option<Vec<Share>> },
     /// The queue to the compositor, or that there is none.
     Outlet(Option<mpsc::Sender<Vec<Bytes>>>),
     /// A session is over and that one begins: lists and views are another's from now on. The scene is kept.
@@ -261,13 +262,19 @@ impl Hand {
     }
 
     /// Follows the views and lists of a frame; it becomes the newest job.
-    fn follow(&mut self, header: FrameHeader, payload: &[u8], shares: Vec<Share>) -> Result<Option<Job>, String> {
+    fn follow(
+        &mut self,
+        header: FrameHeader,
+        payload: &[u8],
+        shares: Option<Vec<Share>>,
+    ) -> Result<Option<Job>, String> {
         if let Some(views) = &header.views {
             // The compositor clears its canvas when sizes or places change.
             self.is_behind |= views.iter().map(shape).ne(self.followed.views.iter().map(shape));
         }
         let store = &self.store;
         self.followed.take(&header, payload, store.subobjects(), |object| store.home(object))?;
+        let Some(shares) = shares else { return Ok(None) };
         let FrameState { eye, environment, .. } = header.state;
         let inputs = Inputs {
             eye,

@@ -20,6 +20,9 @@ use tokio::net::TcpStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
+/// A backplane that beats, and then says nothing for so long, is cut off: it has put us out by now, and its word of that is lost. Longer than a
+/// busy machine keeps a process waiting.
+const BACKPLANE_SILENCE: Duration = Duration::from_secs(2);
 
 /// Why a session is over.
 #[derive(Debug)]
@@ -46,6 +49,8 @@ pub(super) struct Session {
     assembler: Assembler,
     /// Bytes of pieces that have begun to come and aren't ready to be drawn.
     loading: u64,
+    /// When the backplane was last heard, once it beats: before that it may have nothing to say.
+    heard: Option<tokio::time::Instant>,
 }
 
 impl Session {
@@ -76,6 +81,7 @@ impl Session {
             outlet: None,
             assembler: Assembler::default(),
             loading: 0,
+            heard: None,
         })
     }
 
@@ -92,6 +98,12 @@ impl Session {
             let deadline = async {
                 match leaving {
                     Some(at) => tokio::time::sleep_until(at).await,
+                    None => std::future::pending().await,
+                }
+            };
+            let silence = async {
+                match self.heard {
+                    Some(at) => tokio::time::sleep_until(at + BACKPLANE_SILENCE).await,
                     None => std::future::pending().await,
                 }
             };
@@ -120,6 +132,7 @@ impl Session {
                     }
                 }
                 () = deadline => return End::Shutdown,
+                () = silence => return End::Lost(LinkError::Io(std::io::ErrorKind::TimedOut.into())),
                 () = beat, if self.key != BoardKey(0) => self.chain.on_timeout(self.now()),
             }
             if let Err(error) = self.drain(neighbours).await {
@@ -138,6 +151,9 @@ impl Session {
     }
 
     fn on_message(&mut self, message: ToBoard, payload: Bytes, painter: &Painter) -> Result<(), End> {
+        if self.heard.is_some() || message == ToBoard::Alive {
+            self.heard = Some(tokio::time::Instant::now());
+        }
         match message {
             ToBoard::Welcome { key } => {
                 tracing::info!(%key, "connected");
@@ -194,13 +210,13 @@ impl Session {
         }
         let epoch = header.state.epoch;
         let shares = match self.chain.place(epoch) {
-            Some(place) => shares(place.id, &place.weights, &self.views),
+            Some(place) => Some(shares(place.id, &place.weights, &self.views)),
             None => {
                 tracing::warn!(frame = %header.state.frame, %epoch, "a frame under a wiring that we have no place in");
-                Vec::new()
+                None
             }
         };
-        // Even without a share the lists must be followed.
+        // Even without a place the lists must be followed.
         painter.send(Work::Frame { header: Box::new(header), payload, shares });
         Ok(())
     }

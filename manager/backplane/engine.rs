@@ -502,6 +502,9 @@ impl Engine {
         while let Some(ClockOutput::Swap { swap, opened, late, missing }) = self.clock.poll_output() {
             self.chain.on_frame_over(self.now(), &missing);
             self.swap(swap, opened, late);
+            if let ClockMode::RealTime { period } = self.config.mode {
+                self.chain.set_period(period * self.clock.divider());
+            }
         }
         while let Some(output) = self.chain.poll_output() {
             match output {

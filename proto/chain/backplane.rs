@@ -144,15 +144,17 @@ impl BackplaneChain {
         }
     }
 
-    /// The nominal time from frame to frame; a sixtieth of a second unless set.
+    /// The time from frame to frame that is in force; a sixtieth of a second unless set. A silence of nearly four of them is death, but
+    /// never less than [`super::SILENCE`]: a rig that is so busy that its rate has fallen has boards that are late to speak, too.
     pub fn set_period(&mut self, period: Duration) {
         self.period = period;
+        self.watch.set_limit((period * 15 / 4).max(super::SILENCE));
     }
 
-    /// The silence that is taken for death; [`super::SILENCE`] unless set. Shorter, busy boards are put out; longer, what is dead
+    /// The silence that is taken for death, whatever the period. Shorter, busy boards are put out; longer, what is dead
     /// holds up its views. Boards say something every [`super::BEAT`].
     pub fn set_silence(&mut self, silence: Duration) {
-        self.watch = Watch::new(silence);
+        self.watch.set_limit(silence);
     }
 
     /// A board that holds the scene enters the row at its right end. `address` is where its right neighbour can reach it.

@@ -62,6 +62,11 @@ impl<K: Ord + Copy> Watch<K> {
         self.heard.insert(who, now);
     }
 
+    /// From now on a silence of `limit` is death.
+    pub fn set_limit(&mut self, limit: Duration) {
+        self.limit = limit;
+    }
+
     /// Whether it is watched.
     pub fn is_watched(&self, who: K) -> bool {
         self.heard.contains_key(&who)
@@ -133,6 +138,15 @@ mod tests {
         watch.on_heard(ms(0), BoardKey(1));
         let noticed = look(&mut watch, ms(100), ms(0)..ms(0)).expect("noticed");
         assert!(noticed.since(ms(0)) < 4 * PERIOD, "{noticed:?}");
+    }
+
+    #[test]
+    fn a_longer_limit_holds_for_who_is_watched_already() {
+        let mut watch = Watch::default();
+        watch.on_heard(ms(0), BoardKey(1));
+        watch.set_limit(2 * SILENCE);
+        let noticed = look(&mut watch, ms(1000), ms(0)..ms(0)).expect("noticed");
+        assert_eq!(noticed, Time(0) + 2 * SILENCE);
     }
 
     #[test]

@@ -61,7 +61,11 @@ impl Display {
         match purpose {
             Purpose::Show => {
                 if let Node::Manager(rank) = context.net.peer(self.node, wire) {
-                    let role = Role::Compositor { listen: self.index.to_string(), format: PixelFormat::default() };
+                    let role = Role::Compositor {
+                        listen: self.index.to_string(),
+                        format: PixelFormat::default(),
+                        records: false,
+                    };
                     context.net.send(self.node, wire, Packet::of(&Hello { name: String::new(), role }));
                     self.sessions[usize::from(rank)] = Some(wire);
                     if context.plan.managers == 1 {
