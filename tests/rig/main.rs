@@ -15,6 +15,7 @@ mod hostile;
 mod lifecycle;
 mod lights;
 mod pictures;
+mod place;
 mod program;
 mod still;
 mod streaming;

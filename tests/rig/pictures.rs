@@ -31,6 +31,30 @@ fn one_two_three_and_five_boards_write_the_same_bytes() {
     }
 }
 
+#[test]
+fn one_and_three_boards_write_the_same_manifest() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, three] = ["1", "3"].map(|boards| {
+        let path = folder.path().join(boards);
+        let args = [
+            &["rig", "--console", "off", "--boards", boards, "--manifest"][..],
+            &[path.to_str().unwrap()],
+            &FLIGHT[..],
+        ];
+        let output = crate::program::run(&args.concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        std::fs::read_to_string(path).unwrap()
+    });
+    assert_eq!(one, three);
+    let lines: Vec<serde_json::Value> = one.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(
+        lines.iter().map(|line| line["frame"].as_u64()).collect::<Vec<_>>(),
+        (0..12).map(Some).collect::<Vec<_>>()
+    );
+    assert_ne!(lines[0]["eye"], lines[11]["eye"], "the eye moves");
+    assert_ne!(lines[0]["views"][0]["tiles"], lines[11]["views"][0]["tiles"], "and so does the picture");
+}
+
 /// Flies in lock-step while boards go, each `(after this picture, by this signal)`; the pictures must be those of an undisturbed flight.
 fn disturbed(boards: &str, departures: &[(usize, Signal)]) {
     let args = ["--frames", "60", "--views", "2", "--size", "160x90", "--samples", "1", "--boards", boards];
