@@ -41,13 +41,13 @@ pub const PREVIEW_MAX: usize = 16 << 20;
 pub const CLAIM_MAX: usize = 8 << 20;
 /// Peers connected at once to one daemon, greeted or not.
 pub const CONNECTIONS_MAX: usize = BOARDS_MAX + 64;
-/// Of these, from one address: a machine's boards.
-pub const CONNECTIONS_PER_ADDRESS_MAX: usize = 128;
+/// Of these, from one address: a whole rig on one machine.
+pub const CONNECTIONS_PER_ADDRESS_MAX: usize = BOARDS_MAX + 8;
 /// Peers of one address that have not said who they are. One more ends the oldest of them: honest ones need
 /// milliseconds, so a peer that stalls keeps nobody out.
-pub const GREETINGS_PER_ADDRESS_MAX: usize = 32;
+pub const GREETINGS_PER_ADDRESS_MAX: usize = 128;
 /// Likewise, of all addresses.
-pub const GREETINGS_MAX: usize = 64;
+pub const GREETINGS_MAX: usize = 192;
 /// New connections that one address may make a second, in the long run: each costs a handshake, about a millisecond.
 pub const CONNECTIONS_PER_SECOND_MAX: u32 = 64;
 /// And at once, when it has made none for a while: all boards of a machine, and each again.

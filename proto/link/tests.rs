@@ -6,7 +6,11 @@ use crate::{
 };
 use proto::link::LinkError;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::{ClientConfig, RootCertStore};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
 use time::OffsetDateTime;
@@ -194,6 +198,57 @@ async fn a_handshake_that_stalls_ends() {
     assert_eq!(error.to_string(), "it didn't say who it is in time");
 }
 
+/// A client that doesn't look at its own keys.
+fn client_unchecked(folder: &Path) -> Arc<ClientConfig> {
+    let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_slice(&read(AUTHORITY_FILE)).unwrap()).unwrap();
+    let certificate = CertificateDer::from_pem_slice(&read(CERTIFICATE_FILE)).unwrap();
+    let key = PrivateKeyDer::from_pem_slice(&read(KEY_FILE)).unwrap();
+    let config = ClientConfig::builder_with_provider(Arc::new(rustls::crypto::ring::default_provider()))
+        .with_protocol_versions(&[&rustls::version::TLS13])
+        .unwrap()
+        .with_root_certificates(roots);
+    Arc::new(config.with_client_auth_cert(vec![certificate], key).unwrap())
+}
+
+/// Connects with a certificate that its own program would refuse to start with, and returns what the other side makes of it.
+async fn knock_with(names: &[String], days: [i64; 2]) -> String {
+    let rig = Authority::new();
+    let folder = tempfile::tempdir().unwrap();
+    rig.issue_into(folder.path(), names, days);
+    let client = client_unchecked(folder.path());
+    let socket = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = socket.local_addr().unwrap();
+    let mut listener = Listener::new(socket, rig.trust(NodeRole::Manager, "desk"));
+    let accepting = async {
+        let Arrival::Peer(incoming) = listener.next().await else { panic!("it is let in") };
+        let greeting = |_: Stream| async { Ok::<_, LinkError>(()) };
+        incoming.greet(Duration::from_secs(5), greeting).await.map(drop).unwrap_err().to_string()
+    };
+    let connecting = async {
+        let stream = TcpStream::connect(address).await.unwrap();
+        let name = "manager.rig".try_into().unwrap();
+        // In TLS 1.3 the client is done before the server has looked at its certificate.
+        let mut stream = tokio_rustls::TlsConnector::from(client).connect(name, stream).await.unwrap();
+        stream.read_u8().await.unwrap_err().to_string()
+    };
+    let (refusal, told) = tokio::join!(accepting, connecting);
+    assert!(told.contains("alert"), "the peer is told: {told}");
+    refusal
+}
+
+#[tokio::test]
+async fn peers_are_refused_for_certificates_out_of_their_time_and_without_a_node() {
+    let board = names(NodeRole::Board, "pc1");
+    let refusal = knock_with(&board, [-2, -1]).await;
+    assert!(refusal.starts_with("its certificate has expired on 20"), "{refusal}");
+    let refusal = knock_with(&board, [1, 2]).await;
+    assert!(refusal.starts_with("its certificate is not valid before 20"), "{refusal}");
+    let refusal = knock_with(&["www.example.org".into()], [-1, 1]).await;
+    assert_eq!(refusal, "its certificate is of a role that has no business here");
+}
+
 #[test]
 fn keys_that_cannot_be_used_are_named_with_file_and_reason() {
     let rig = Authority::new();
@@ -231,7 +286,7 @@ fn only_certificates_of_exactly_one_node_have_an_identity() {
         let folder = tempfile::tempdir().unwrap();
         rig.issue_into(folder.path(), &names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>(), [-1, 1]);
         let pem = std::fs::read(folder.path().join(CERTIFICATE_FILE)).unwrap();
-        let der = <rustls::pki_types::CertificateDer<'_> as rustls::pki_types::pem::PemObject>::from_pem_slice(&pem);
+        let der = CertificateDer::from_pem_slice(&pem);
         Identity::of(&der.unwrap()).map(|identity| identity.to_string())
     };
     assert_eq!(identity(&["board.rig", "pc1.board.rig"]).as_deref(), Some("board pc1"));
