@@ -3,8 +3,9 @@
 use super::neighbours::{NeighbourEvent, Neighbours};
 use super::painter::{Painted, Painter, Work};
 use super::{Config, LEAVE_TIMEOUT, outlet};
+use ::link::{Expected, NodeRole, Stream, Trust};
 use bytes::Bytes;
-use proto::chain::{BoardChain, BoardOutput};
+use proto::chain::{BoardChain, BoardOutput, Left, ToBoardChain};
 use proto::codec::{CodecError, decode_ids, encode_ids};
 use proto::ids::BoardKey;
 use proto::limits;
@@ -15,7 +16,6 @@ use proto::share::shares;
 use proto::view::ViewSetup;
 use std::net::SocketAddr;
 use std::time::Duration;
-use tokio::net::TcpStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
@@ -36,8 +36,11 @@ pub(super) enum End {
 }
 
 pub(super) struct Session {
-    backplane: Link<TcpStream>,
+    backplane: Link<Stream>,
+    trust: Trust,
     chain: BoardChain,
+    /// Who is to the left under the newest wiring.
+    left: Option<BoardKey>,
     key: BoardKey,
     views: Vec<ViewSetup>,
     outlet: Option<(String, DropGuard)>,
@@ -50,8 +53,7 @@ impl Session {
     /// Connects and says hello.
     pub(super) async fn open(config: &Config, listening: SocketAddr) -> Result<Self, LinkError> {
         let greeting = async {
-            let stream = TcpStream::connect(&config.backplane).await?;
-            stream.set_nodelay(true)?;
+            let stream = config.trust.connect(&config.backplane, &Expected::any(NodeRole::Manager)).await?;
             // Listening on any address, we are reached at the one that reaches the backplane.
             let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
             let link = config.advertise.clone();
@@ -67,7 +69,9 @@ impl Session {
         let key = BoardKey(0);
         Ok(Self {
             backplane: backplane?,
+            trust: config.trust.clone(),
             chain: BoardChain::new(key),
+            left: None,
             key,
             views: Vec::new(),
             outlet: None,
@@ -96,7 +100,7 @@ impl Session {
                     let result = match message {
                         Err(error) => Err(End::Lost(error)),
                         Ok(None) => Err(End::Lost(LinkError::Closed)),
-                        Ok(Some((message, payload))) => self.on_message(message, payload, painter),
+                        Ok(Some((message, payload))) => self.on_message(message, payload, painter, neighbours),
                     };
                     if let Err(end) = result {
                         return if leaving.is_some() { End::Shutdown } else { end };
@@ -123,7 +127,13 @@ impl Session {
         }
     }
 
-    fn on_message(&mut self, message: ToBoard, payload: Bytes, painter: &Painter) -> Result<(), End> {
+    fn on_message(
+        &mut self,
+        message: ToBoard,
+        payload: Bytes,
+        painter: &Painter,
+        neighbours: &Neighbours,
+    ) -> Result<(), End> {
         match message {
             ToBoard::Welcome { key } => {
                 tracing::info!(%key, "connected");
@@ -136,7 +146,9 @@ impl Session {
             ToBoard::Compositor { address } => {
                 if self.outlet.as_ref().map(|(at, _)| at) != address.as_ref() {
                     self.outlet = None;
-                    self.outlet = address.map(|at| (at.clone(), outlet::keep(at, self.key, painter.work())));
+                    let keep =
+                        |at: String| (at.clone(), outlet::keep(at, self.key, painter.work(), self.trust.clone()));
+                    self.outlet = address.map(keep);
                 }
             }
             ToBoard::Piece(head) => self.on_slice(&head, &payload, painter).map_err(|e| End::Lost(e.into()))?,
@@ -145,7 +157,13 @@ impl Session {
                 painter.send(Work::Evict(ids));
             }
             ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
-            ToBoard::Chain(message) => self.chain.on_backplane(message),
+            ToBoard::Neighbours(names) => neighbours.expect(names),
+            ToBoard::Chain(message) => {
+                if let ToBoardChain::Wire { left: Left::Board { key, .. }, .. } = &message {
+                    self.left = Some(*key);
+                }
+                self.chain.on_backplane(message);
+            }
             ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
         }
         Ok(())
@@ -237,7 +255,7 @@ impl Session {
     async fn drain(&mut self, neighbours: &mut Neighbours) -> Result<(), LinkError> {
         while let Some(output) = self.chain.poll_output() {
             match output {
-                BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address),
+                BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address, self.left),
                 BoardOutput::ToBackplane(message) => {
                     link::send(&mut self.backplane, &FromBoard::Chain(message), &[]).await?;
                 }
