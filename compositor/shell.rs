@@ -12,6 +12,7 @@
 use crate::manifest::Manifest;
 use crate::sinks::{FileKind, Files, Picture, SinkError, preview};
 use crate::stitch::Stitcher;
+use ::link::{Arrival, Expected, Identity, Incoming, Listener, NodeRole, Stream, Trust};
 use bytes::Bytes;
 use futures_util::StreamExt;
 use proto::backoff::Backoff;
@@ -21,27 +22,32 @@ use proto::ids::BoardKey;
 use proto::limits;
 use proto::link::{self, Link, LinkError};
 use proto::message::{FromCompositor, Hello, Role, TileMessage, ToCompositor};
+use std::collections::BTreeMap;
+use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::mpsc;
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Messages from boards that may wait; with a message per board and view and frame, a few frames.
 const TILE_QUEUE: usize = 64;
-/// Boards connected at once, greeted or not.
-const CONNECTIONS_MAX: usize = limits::BOARDS_MAX + 64;
 /// A peer that has not finished its greeting by then is dropped.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Bytes of a preview's message that are not its picture, and some to spare.
+const PREVIEW_HEAD_MAX: usize = 64;
 
 /// How a compositor is set up.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Where the backplane listens, `host:port`.
     pub backplane: String,
+    /// How links are protected.
+    pub trust: Trust,
     /// Where to listen for boards; port 0: any free port.
     pub listen: SocketAddr,
     /// Folder for files of every frame, and their kind.
@@ -57,7 +63,7 @@ pub struct Config {
 pub enum CompositorError {
     /// The listening socket.
     #[error("cannot listen on {0}: {1}; choose another with --listen")]
-    Listen(SocketAddr, std::io::Error),
+    Listen(SocketAddr, io::Error),
     /// A file.
     #[error(transparent)]
     Sink(#[from] SinkError),
@@ -67,7 +73,10 @@ pub enum CompositorError {
 }
 
 /// The link of each board, and what ends it.
-type Links = std::collections::BTreeMap<BoardKey, (u64, CancellationToken)>;
+type Links = BTreeMap<BoardKey, (u64, CancellationToken)>;
+
+/// Where there are keys, the names in the certificates of the boards, as the backplane tells them.
+type Roster = BTreeMap<BoardKey, String>;
 
 enum Event {
     Board(BoardKey, u64, CancellationToken),
@@ -99,7 +108,9 @@ pub async fn run(
     let address = listener.local_addr().map_err(cannot_listen)?;
     listening(address);
     let (events, mut inbox) = mpsc::channel(TILE_QUEUE);
-    let accepting = tokio::spawn(accept(listener, events));
+    let roster = watch::Sender::new(Roster::new());
+    let listener = Listener::new(listener, config.trust.clone());
+    let accepting = tokio::spawn(accept(listener, events, roster.subscribe()));
 
     let mut files = match &config.out {
         Some((folder, kind)) => Some(Files::new(folder.clone(), *kind)?),
@@ -115,11 +126,13 @@ pub async fn run(
     let mut backoff = Backoff::new(u64::from(std::process::id()));
     let result = loop {
         let sinks = (files.as_ref(), manifest.as_mut());
-        let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, sinks, &mut backoff);
+        let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, &roster, sinks, &mut backoff);
         let end = tokio::select! {
             end = session => end,
             () = shutdown.cancelled() => End::Shutdown,
         };
+        // The next backplane calls boards by other keys.
+        roster.send_replace(Roster::new());
         match end {
             End::Shutdown | End::Sink => break Ok(()),
             End::Failed(error) => break Err(error),
@@ -147,6 +160,7 @@ async fn session(
     stitcher: &mut Stitcher,
     links: &mut Links,
     inbox: &mut mpsc::Receiver<Event>,
+    roster: &watch::Sender<Roster>,
     (files, mut manifest): (Option<&Files>, Option<&mut Manifest>),
     backoff: &mut Backoff,
 ) -> End {
@@ -177,6 +191,9 @@ async fn session(
                     if let Some(manifest) = &mut manifest {
                         manifest.on_record(frame, record);
                     }
+                }
+                Ok(Some((ToCompositor::Boards(names), _))) => {
+                    roster.send_replace(names.into_iter().collect());
                 }
                 Ok(Some((ToCompositor::Swap(swap), _))) => stitcher.on_swap(swap),
                 Ok(Some((ToCompositor::Goodbye, _))) => return End::Goodbye,
@@ -212,7 +229,7 @@ async fn session(
                 if shown.preview
                     && let Ok(permit) = previews.clone().try_reserve_owned()
                 {
-                    tokio::task::spawn_blocking(move || permit.send((picture.frame, preview(&picture))));
+                    tokio::task::spawn_blocking(move || send_preview(permit, &picture));
                 }
             }
             let presented = FromCompositor::Presented { frame: shown.frame, stitch_ns };
@@ -223,13 +240,20 @@ async fn session(
     }
 }
 
+/// Makes a preview. Of a picture far higher than wide it may be larger than the backplane takes; then the console does without.
+fn send_preview(permit: mpsc::OwnedPermit<(proto::ids::FrameNumber, Vec<u8>)>, picture: &Picture) {
+    let jpeg = preview(picture);
+    if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX {
+        permit.send((picture.frame, jpeg));
+    }
+}
+
 async fn greet(
     config: &Config,
     address: SocketAddr,
     format: PixelFormat,
-) -> Result<Result<Link<TcpStream>, String>, LinkError> {
-    let stream = TcpStream::connect(&config.backplane).await?;
-    stream.set_nodelay(true)?;
+) -> Result<Result<Link<Stream>, String>, LinkError> {
+    let stream = config.trust.connect(&config.backplane, &Expected::any(NodeRole::Manager)).await?;
     // Listening on any address, we are reached at the one that reaches the backplane.
     let ip = if address.ip().is_unspecified() { stream.local_addr()?.ip() } else { address.ip() };
     let listen = SocketAddr::new(ip, address.port()).to_string();
@@ -248,7 +272,7 @@ async fn greet(
 async fn on_event(
     stitcher: &mut Stitcher,
     links: &mut Links,
-    backplane: &mut Link<TcpStream>,
+    backplane: &mut Link<Stream>,
     event: Event,
 ) -> Result<(), LinkError> {
     match event {
@@ -283,7 +307,7 @@ fn is_current(links: &Links, key: BoardKey, link: u64) -> bool {
 async fn drop_board(
     stitcher: &mut Stitcher,
     links: &mut Links,
-    backplane: &mut Link<TcpStream>,
+    backplane: &mut Link<Stream>,
     key: BoardKey,
 ) -> Result<(), LinkError> {
     if let Some((_, cut)) = links.remove(&key) {
@@ -295,43 +319,65 @@ async fn drop_board(
     Ok(())
 }
 
-async fn accept(listener: TcpListener, events: mpsc::Sender<Event>) {
+async fn accept(mut listener: Listener, events: mpsc::Sender<Event>, roster: watch::Receiver<Roster>) {
     let mut next_link = 0;
-    let places = Arc::new(tokio::sync::Semaphore::new(CONNECTIONS_MAX));
     loop {
-        // The semaphore is never closed.
-        let Ok(place) = places.clone().acquire_owned().await else { return };
-        match listener.accept().await {
-            Ok((stream, from)) => {
+        match listener.next().await {
+            Arrival::Peer(incoming) => {
                 next_link += 1;
-                let (link, events) = (next_link, events.clone());
+                let (from, link, events, roster) = (incoming.from(), next_link, events.clone(), roster.clone());
                 tokio::spawn(async move {
-                    let _place = place;
-                    if let Err(error) = serve(stream, link, events).await {
-                        tracing::debug!(%from, %error, "tile link ended");
+                    if let Err(error) = serve(incoming, link, events, roster).await {
+                        tracing::info!(%from, %error, "tile link ended");
                     }
                 });
             }
-            Err(error) => {
-                // Out of file descriptors, most likely: others may be given back.
-                tracing::warn!(%error, "accept failed");
-                tokio::time::sleep(Duration::from_millis(100)).await;
-            }
+            Arrival::Refused { count, from, reason } => tracing::warn!(count, %from, %reason, "tile links refused"),
         }
     }
 }
 
-async fn serve(stream: TcpStream, link: u64, events: mpsc::Sender<Event>) -> Result<(), LinkError> {
-    stream.set_nodelay(true)?;
-    let greeting = async {
-        // Before a peer has said who it is, it may claim little.
-        let mut tiles = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-        let (hello, _) = link::expect::<TileMessage>(&mut tiles).await?;
-        tiles.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
-        Ok::<_, LinkError>((tiles, hello))
+/// Hears which board it is, and makes sure of it.
+async fn greet_board(
+    stream: Stream,
+    mut roster: watch::Receiver<Roster>,
+) -> Result<(Link<Stream>, BoardKey), LinkError> {
+    let identity = stream.peer().cloned();
+    // Before a peer has said who it is, it may claim little.
+    let mut tiles = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
+    let (TileMessage::Hello { key }, _) = link::expect::<TileMessage>(&mut tiles).await? else {
+        return Err(denied("it doesn't say hello first".into()));
     };
-    let Ok(greeted) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else { return Ok(()) };
-    let (mut tiles, TileMessage::Hello { key }) = greeted? else { return Ok(()) };
+    if let Some(identity) = identity {
+        check(key, &identity, &mut roster).await?;
+    }
+    tiles.codec_mut().set_incoming_max(limits::BULK_MESSAGE_MAX);
+    Ok((tiles, key))
+}
+
+/// Whether who says to be the board `key` is that board. A board may be quicker than the backplane's word of it.
+async fn check(key: BoardKey, identity: &Identity, roster: &mut watch::Receiver<Roster>) -> Result<(), LinkError> {
+    let told = roster.wait_for(|names| names.contains_key(&key)).await;
+    // The daemon ends.
+    let Ok(names) = told else { return Err(LinkError::Closed) };
+    match names.get(&key) {
+        Some(name) if *name == identity.name => Ok(()),
+        _ => Err(denied(format!("it says that it is board {key:?}, with the certificate of {identity}"))),
+    }
+}
+
+fn denied(what: String) -> LinkError {
+    LinkError::Io(io::Error::new(io::ErrorKind::PermissionDenied, what))
+}
+
+async fn serve(
+    incoming: Incoming,
+    link: u64,
+    events: mpsc::Sender<Event>,
+    roster: watch::Receiver<Roster>,
+) -> Result<(), LinkError> {
+    let greeting = |stream| greet_board(stream, roster);
+    let ((mut tiles, key), _place) = incoming.greet(GREETING_TIMEOUT, greeting).await?;
     // A closed queue means that the daemon ends: then so does this task.
     let cut = CancellationToken::new();
     if events.send(Event::Board(key, link, cut.clone())).await.is_err() {

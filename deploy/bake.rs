@@ -12,11 +12,11 @@ use manager::scene::baked;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Shares of the three stages in the whole time: reading the scene, looking for shared planes, writing. On `dense` they take 0.58, 1.25 and
-/// 0.05 s, on small scenes with pictures about as long as each other. They only decide how evenly the bar moves; it stands still
-/// in the second, which doesn't say how far it is.
+/// 0.05 s, on small scenes with pictures about as long as each other. They only decide how evenly the bar moves.
 const STAGES: [(&str, f64); 3] = [("importing", 0.3), ("looking for shared planes", 0.6), ("writing", 0.1)];
 /// Steps of the bar.
 const STEPS: f64 = 1000.0;
@@ -27,7 +27,7 @@ const PROGRESS_PERIOD: Duration = Duration::from_secs(5);
 struct Progress {
     bar: Option<ProgressBar>,
     stage: usize,
-    said: Instant,
+    said: Mutex<Instant>,
 }
 
 impl Progress {
@@ -38,7 +38,7 @@ impl Progress {
             bar.enable_steady_tick(Duration::from_millis(200));
             bar
         });
-        let mut progress = Self { bar, stage: 0, said: Instant::now() };
+        let mut progress = Self { bar, stage: 0, said: Mutex::new(Instant::now()) };
         progress.begin(0);
         progress
     }
@@ -52,17 +52,20 @@ impl Progress {
     }
 
     /// `part` of the present stage is done.
-    fn on(&mut self, part: f64) {
+    fn on(&self, part: f64) {
         let before: f64 = STAGES[..self.stage].iter().map(|(_, share)| share).sum();
         let (name, share) = STAGES[self.stage];
         let done = before + share * part;
         match &self.bar {
             Some(bar) => bar.set_position((done * STEPS) as u64),
-            None if self.said.elapsed() >= PROGRESS_PERIOD => {
-                self.said = Instant::now();
-                note(&format!("{name}: {:.0} %", done * 100.0));
+            None => {
+                // Whoever panicked with it has left a moment in it all the same.
+                let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+                if said.elapsed() >= PROGRESS_PERIOD {
+                    *said = Instant::now();
+                    note(&format!("{name}: {:.0} %", done * 100.0));
+                }
             }
-            None => {}
         }
     }
 }
@@ -86,7 +89,7 @@ pub(crate) fn run(args: &BakeArgs) -> Result<(), CommandError> {
     let mut progress = Progress::new();
     let Unassembled { parts, camera } = source::parts(&args.scene, &mut |part| progress.on(part))?;
     progress.begin(1);
-    let scene = source::assemble(&args.scene, parts.clone())?;
+    let scene = source::assemble(&args.scene, parts.clone(), &|part| progress.on(part))?;
     progress.begin(2);
     {
         // Until here there is no file that an interrupt could leave behind. From here on it takes the part file away.

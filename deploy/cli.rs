@@ -1,5 +1,9 @@
 //! The command line: every flag is defined here once; parsing, `--help` and the tests come from it.
 
+mod keys;
+
+pub(crate) use keys::{KeysCommand, KeysInitArgs, KeysIssueArgs, KeysShowArgs, TrustArgs};
+
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
 use std::num::{NonZeroU32, NonZeroUsize};
@@ -33,6 +37,9 @@ pub(crate) enum Command {
     Channel(ChannelArgs),
     /// Run the compositor
     Compositor(CompositorArgs),
+    /// Make the rig's authority and its nodes' keys
+    #[command(subcommand)]
+    Keys(KeysCommand),
     /// Be a host
     #[command(subcommand)]
     Host(HostCommand),
@@ -180,6 +187,9 @@ pub(crate) struct RigArgs {
     /// Write a line for each frame into this file: its number, what it depends on, and the hash of each tile; pose k is then frame k
     #[arg(long, value_name = "FILE")]
     pub manifest: Option<PathBuf>,
+    /// Folder of an authority, made by `cyclorama keys init`: the rig's processes get keys of it, and all their links are encrypted
+    #[arg(long, value_name = "DIR")]
+    pub keys: Option<PathBuf>,
     /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
@@ -197,7 +207,7 @@ pub(crate) enum Console {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama manager --rig rig.toml\n  cyclorama manager --scene airport --views 3\n\nPorts: 7400 boards and compositor (TCP), 7401 pose packets (UDP), 7480 console (HTTP)."
+    after_help = "Examples:\n  cyclorama manager --rig rig.toml\n  cyclorama manager --scene airport --views 3\n  cyclorama manager --listen 0.0.0.0:7400 --keys desk\n\nPorts: 7400 boards and compositor (TCP), 7401 pose packets (UDP), 7480 console (HTTP)."
 )]
 pub(crate) struct ManagerArgs {
     /// Rig file (TOML); flags override what it says
@@ -246,9 +256,8 @@ pub(crate) struct ManagerArgs {
     /// Where the console is served (HTTP); `off` for none
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
-    /// Allow addresses other than loopback although links are neither encrypted nor authenticated
-    #[arg(long)]
-    pub insecure: bool,
+    #[command(flatten)]
+    pub trust: TrustArgs,
     /// Print the statistics as one JSON object at the end
     #[arg(long)]
     pub json: bool,
@@ -265,7 +274,9 @@ pub(crate) struct Supervision {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  cyclorama channel --backplane 127.0.0.1:7400")]
+#[command(
+    after_help = "Examples:\n  cyclorama channel --backplane 127.0.0.1:7400\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1"
+)]
 pub(crate) struct ChannelArgs {
     /// Where the backplane listens
     #[arg(long, env = "CYCLORAMA_BACKPLANE", default_value = "127.0.0.1:7400", value_name = "HOST:PORT")]
@@ -289,15 +300,16 @@ pub(crate) struct ChannelArgs {
     /// A name for logs and the console; the process number by default
     #[arg(long, env = "CYCLORAMA_NAME")]
     pub name: Option<String>,
-    /// Allow addresses other than loopback although links are neither encrypted nor authenticated
-    #[arg(long)]
-    pub insecure: bool,
+    #[command(flatten)]
+    pub trust: TrustArgs,
     #[command(flatten)]
     pub supervision: Supervision,
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames")]
+#[command(
+    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --backplane desk:7400 --listen 0.0.0.0:0 --keys wall"
+)]
 pub(crate) struct CompositorArgs {
     /// Where the backplane listens
     #[arg(long, env = "CYCLORAMA_BACKPLANE", default_value = "127.0.0.1:7400", value_name = "HOST:PORT")]
@@ -314,9 +326,8 @@ pub(crate) struct CompositorArgs {
     /// Write a line for each frame into this file: its number, what it depends on, and the hash of each tile
     #[arg(long, value_name = "FILE")]
     pub manifest: Option<PathBuf>,
-    /// Allow addresses other than loopback although links are neither encrypted nor authenticated
-    #[arg(long)]
-    pub insecure: bool,
+    #[command(flatten)]
+    pub trust: TrustArgs,
     #[command(flatten)]
     pub supervision: Supervision,
 }

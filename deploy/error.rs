@@ -15,6 +15,8 @@ pub(crate) enum CommandError {
     #[error(transparent)]
     Import(#[from] manager::scene::import::ImportError),
     #[error(transparent)]
+    Keys(#[from] link::KeysError),
+    #[error(transparent)]
     Manager(#[from] manager::backplane::ManagerError),
     #[error(transparent)]
     Worker(#[from] channel::worker::WorkerError),

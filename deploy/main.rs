@@ -8,6 +8,7 @@ mod check;
 mod cli;
 mod error;
 mod in_process;
+mod keys;
 mod output;
 mod render;
 mod rig;
@@ -17,7 +18,7 @@ mod settings;
 mod source;
 
 use clap::Parser;
-use cli::{BenchCommand, Cli, Command, HostCommand};
+use cli::{BenchCommand, Cli, Command, HostCommand, KeysCommand};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -28,6 +29,9 @@ fn main() -> ExitCode {
         Command::Manager(args) => serve::manager(&args),
         Command::Channel(args) => serve::channel(&args),
         Command::Compositor(args) => serve::compositor(&args),
+        Command::Keys(KeysCommand::Init(args)) => keys::init(&args),
+        Command::Keys(KeysCommand::Issue(args)) => keys::issue(&args),
+        Command::Keys(KeysCommand::Show(args)) => keys::show(&args),
         Command::Host(HostCommand::Play(args)) => serve::host_play(&args),
         Command::Render(args) => render::run(&args),
         Command::Bake(args) => bake::run(&args),

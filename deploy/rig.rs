@@ -5,10 +5,12 @@
 
 use crate::cli::{Console, ModeArg, RigArgs, Supervision};
 use crate::error::CommandError;
+use crate::keys::Authority;
 use crate::output::{note, say};
 use crate::serve::{ManagerLine, machine_memory, processors, runtime, shutdown_token};
 use crate::{rig_file, settings, source};
 use indicatif::{ProgressBar, ProgressStyle};
+use link::NodeRole;
 use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -36,7 +38,7 @@ pub(crate) fn run(args: &RigArgs) -> Result<(), CommandError> {
     // With pictures to write, the flight is flown once unless a number says otherwise.
     let frames = args.frames.or(is_writing(args).then_some(poses));
     runtime(1)?.block_on(async {
-        let mut rig = Rig::start(args, &camera, frames).await?;
+        let mut rig = Rig::start(args, folder.path(), &camera, frames).await?;
         let outcome = rig.watch(frames).await;
         rig.end().await;
         if let Some(report) = outcome? {
@@ -104,7 +106,8 @@ const MANAGER: usize = 0;
 const COMPOSITOR: usize = 1;
 
 impl Rig {
-    async fn start(args: &RigArgs, camera: &Path, frames: Option<u64>) -> Result<Self, CommandError> {
+    async fn start(args: &RigArgs, folder: &Path, camera: &Path, frames: Option<u64>) -> Result<Self, CommandError> {
+        let keys = args.keys.as_deref().map(Authority::open).transpose()?.map(|authority| Keys { authority, folder });
         let shutdown = shutdown_token(Supervision { supervised: false })?;
         let row = settings::row(&args.row, Some(args.mode), &rig_file::RigFile::default())?;
         let boards = args.boards.map_or(row.count as usize, std::num::NonZeroUsize::get);
@@ -129,6 +132,7 @@ impl Rig {
         if is_writing(args) {
             manager.arg("--lock-step");
         }
+        give_keys(&mut manager, keys.as_ref(), NodeRole::Manager, "manager")?;
         let mut exits = JoinSet::new();
         let mut children = Vec::new();
         let stdout = spawn(manager.stdout(Stdio::piped()), "the manager".into(), &mut children, &mut exits)?;
@@ -143,6 +147,7 @@ impl Rig {
         if let Some(manifest) = &args.manifest {
             compositor.arg("--manifest").arg(manifest);
         }
+        give_keys(&mut compositor, keys.as_ref(), NodeRole::Compositor, "compositor")?;
         spawn(compositor.stdout(Stdio::null()), "the compositor".into(), &mut children, &mut exits)?;
         let mut host = own_command(&["host", "play"])?;
         host.arg(camera).args(["--to", &pose.to_string(), "--size", &size, "--repeat"]);
@@ -156,6 +161,7 @@ impl Rig {
             let mut board = own_command(&["channel", "--backplane", &backplane.to_string(), "--name", &name])?;
             board.args(["--threads", &threads.to_string()]);
             board.args(["--memory-limit", &(memory as f64 / f64::from(1 << 20)).to_string()]);
+            give_keys(&mut board, keys.as_ref(), NodeRole::Board, &name)?;
             spawn(board.stdout(Stdio::null()), format!("board {k}"), &mut children, &mut exits)?;
         }
         if let Some(address) = address {
@@ -260,6 +266,24 @@ impl Rig {
     }
 }
 
+/// Where the processes' keys come from, and where they are put.
+struct Keys<'a> {
+    authority: Authority,
+    folder: &'a Path,
+}
+
+/// Longer than a rig on one machine runs; its keys go with it.
+const KEY_DAYS: u32 = 365;
+
+fn give_keys(command: &mut Command, keys: Option<&Keys<'_>>, role: NodeRole, name: &str) -> Result<(), CommandError> {
+    if let Some(Keys { authority, folder }) = keys {
+        let folder = folder.join(format!("{role}-{name}"));
+        authority.issue(role, name, KEY_DAYS, &folder)?;
+        command.arg("--keys").arg(folder);
+    }
+    Ok(())
+}
+
 fn bar(frames: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:30} frame {pos} of {len}, {eta} left");
     ProgressBar::new(frames).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
@@ -270,6 +294,8 @@ fn own_command(args: &[&str]) -> Result<Command, CommandError> {
         std::env::current_exe().map_err(|error| CommandError::said(format!("own program not found: {error}")))?;
     let mut command = Command::new(program);
     command.args(args).arg("--supervised").stdin(Stdio::piped()).kill_on_drop(true);
+    // A node's keys are not all nodes'.
+    command.env_remove("CYCLORAMA_KEYS");
     if std::env::var_os("CYCLORAMA_LOG").is_none() {
         command.env("CYCLORAMA_LOG", "warn");
     }

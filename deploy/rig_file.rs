@@ -15,6 +15,8 @@ pub(crate) struct RigFile {
     pub scene: Option<String>,
     /// Camera file whose first pose is shown until a host speaks.
     pub camera: Option<String>,
+    /// Folder of the manager's keys, relative to this file.
+    pub keys: Option<String>,
     /// Frames a second.
     pub rate_hz: Option<f64>,
     /// Most memory of each board that is used for meshes and textures, MiB.
@@ -139,6 +141,7 @@ impl RigFile {
             file.scene = Some(relative(scene));
         }
         file.camera = file.camera.as_ref().map(relative);
+        file.keys = file.keys.as_ref().map(relative);
         Ok(file)
     }
 }

@@ -6,6 +6,7 @@ use crate::cli::{ChannelArgs, CompositorArgs, HostPlayArgs, ManagerArgs, Supervi
 use crate::error::CommandError;
 use crate::output::{note, say};
 use crate::settings;
+use link::NodeRole;
 use manager::backplane::{Addresses, Report};
 use manager::host::camera::CameraFile;
 use proto::pose::Answer;
@@ -134,10 +135,12 @@ fn summarise(report: &Report) {
 
 /// `cyclorama channel`.
 pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
-    let listen = settings::guard(args.listen, args.insecure)?;
+    let trust = settings::trust(&args.trust, NodeRole::Board)?;
+    let listen = settings::guard_listen(args.listen, &trust)?;
     let threads = args.threads.unwrap_or_else(processors);
     let config = channel::worker::Config {
-        backplane: args.backplane.clone(),
+        backplane: settings::guard_peer(&args.backplane, &trust)?,
+        trust,
         listen,
         advertise: args.advertise.clone(),
         threads,
@@ -175,9 +178,11 @@ pub(crate) fn machine_memory() -> u64 {
 
 /// `cyclorama compositor`.
 pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
+    let trust = settings::trust(&args.trust, NodeRole::Compositor)?;
     let config = compositor::shell::Config {
-        backplane: args.backplane.clone(),
-        listen: settings::guard(args.listen, args.insecure)?,
+        backplane: settings::guard_peer(&args.backplane, &trust)?,
+        listen: settings::guard_listen(args.listen, &trust)?,
+        trust,
         out: args.out.clone().map(|folder| (folder, args.format)),
         manifest: args.manifest.clone(),
         once: args.supervision.supervised,

@@ -1,11 +1,12 @@
 //! From flags, environment and rig file to the configuration that runs: flags win over environment (clap sees to
 //! that), both win over the file, and the defaults are here.
 
-use crate::cli::{AirArgs, Console, DetailArg, ManagerArgs, ModeArg, RowArgs};
+use crate::cli::{AirArgs, Console, DetailArg, ManagerArgs, ModeArg, RowArgs, TrustArgs};
 use crate::error::CommandError;
 use crate::rig_file::{Air, RigFile, SamplesEntry, ViewEntry};
 use crate::source;
 use glam::{DQuat, DVec3};
+use link::{NodeRole, Trust};
 use manager::backplane::{Config, DefaultRow, Stage};
 use manager::host::camera::{CameraFile, FOV_DEFAULT_DEG};
 use manager::scene::Scene;
@@ -14,7 +15,7 @@ use proto::chain::ClockMode;
 use proto::frame::{Background, Environment};
 use proto::limits;
 use proto::view::{Mode, Pose, Samples, Tangents, View, ViewSetup};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,13 +37,44 @@ pub(crate) fn loopback(port: u16) -> SocketAddr {
     SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port)
 }
 
-/// Refuses an address beyond this machine unless it was asked for in so many words.
-pub(crate) fn guard(address: SocketAddr, is_insecure: bool) -> Result<SocketAddr, CommandError> {
-    if address.ip().is_loopback() || is_insecure {
-        return Ok(address);
+/// How a daemon's links are protected.
+pub(crate) fn trust(args: &TrustArgs, role: NodeRole) -> Result<Trust, CommandError> {
+    match &args.keys {
+        Some(folder) => Ok(Trust::with_keys(folder, role)?),
+        None if args.insecure => Ok(Trust::INSECURE),
+        None => Ok(Trust::LOOPBACK),
+    }
+}
+
+/// Refuses to take links at an address beyond this machine without keys, unless it was asked for in so many words.
+pub(crate) fn guard_listen(address: SocketAddr, trust: &Trust) -> Result<SocketAddr, CommandError> {
+    if trust.may_reach(address.ip()) { Ok(address) } else { Err(unprotected(address)) }
+}
+
+/// Likewise to open a link. A name that can't be resolved yet is looked at again when it is used.
+pub(crate) fn guard_peer(address: &str, trust: &Trust) -> Result<String, CommandError> {
+    let mut resolved = address.to_socket_addrs().into_iter().flatten();
+    if resolved.any(|address| !trust.may_reach(address.ip())) {
+        return Err(unprotected(address));
+    }
+    Ok(address.to_owned())
+}
+
+fn unprotected(address: impl std::fmt::Display) -> CommandError {
+    CommandError::said(format!(
+        "{address} is beyond this machine, where links need keys: make them with `cyclorama keys` and give them with --keys, or say \
+         --insecure on a network where you trust everybody"
+    ))
+}
+
+/// Refuses an address beyond this machine for what keys don't protect.
+fn guard_open(address: SocketAddr, what: &str, is_insecure: bool) -> Result<(), CommandError> {
+    if link::is_on_this_machine(address.ip()) || is_insecure {
+        return Ok(());
     }
     Err(CommandError::said(format!(
-        "{address} is not on this machine, and links are not encrypted yet; on a network that you trust, say --insecure"
+        "{address} is beyond this machine, and {what} not encrypted, with or without keys; say --insecure on a network where you \
+         trust everybody"
     )))
 }
 
@@ -178,8 +210,13 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         (Some(Console::At(address)), _) | (None, Some(address)) => Some(address),
         (None, None) => Some(loopback(PORT_CONSOLE)),
     };
-    for address in [Some(listen), Some(pose_listen), console].into_iter().flatten() {
-        guard(address, args.insecure)?;
+    let mut trusting = args.trust.clone();
+    trusting.keys = trusting.keys.or(file.keys.clone().map(PathBuf::from));
+    let trust = trust(&trusting, NodeRole::Manager)?;
+    guard_listen(listen, &trust)?;
+    guard_open(pose_listen, "pose packets are", trusting.insecure)?;
+    if let Some(address) = console {
+        guard_open(address, "the console is", trusting.insecure)?;
     }
     let rate = args.rate.or(file.rate_hz).unwrap_or(RATE_HZ);
     if !(rate.is_finite() && (0.01..=10_000.0).contains(&rate)) {
@@ -198,6 +235,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         wait_for_boards: args.wait_for_boards,
         wait_for_compositor: args.wait_for_compositor,
         board_memory: board_memory(args, &file)?,
+        trust,
         listen,
         pose_listen,
         console_listen: console,

@@ -56,7 +56,7 @@ fn load_scene(name: &str) -> Result<(Scene, Option<CameraFile>), CommandError> {
 
 fn import(name: &str) -> Result<(Scene, Option<CameraFile>), CommandError> {
     let Unassembled { parts, camera } = parts(name, &mut |_| ())?;
-    Ok((assemble(name, parts)?, camera))
+    Ok((assemble(name, parts, &|_| ())?, camera))
 }
 
 /// What an importer hands over, and a built-in scene's camera.
@@ -90,9 +90,9 @@ pub(crate) fn parts(name: &str, _: &mut dyn FnMut(f64)) -> Result<Unassembled, C
     )))
 }
 
-/// The scene of these parts, which `name` has.
-pub(crate) fn assemble(name: &str, parts: Parts) -> Result<Scene, CommandError> {
-    Scene::assemble(parts).map_err(|error| CommandError::said(format!("{name}: {error}")))
+/// The scene of these parts, which `name` has. `watch` hears how far it is, from 0 to 1, on any thread.
+pub(crate) fn assemble(name: &str, parts: Parts, watch: &(dyn Fn(f64) + Sync)) -> Result<Scene, CommandError> {
+    Scene::assemble_watched(parts, watch).map_err(|error| CommandError::said(format!("{name}: {error}")))
 }
 
 /// `cyclorama inspect`.

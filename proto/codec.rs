@@ -18,8 +18,9 @@ use bincode::Options;
 use bytes::{Buf, BufMut, Bytes, BytesMut};
 use glam::{DAffine3, DVec3};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use std::io;
 use thiserror::Error;
-use tokio_util::codec::LengthDelimitedCodec;
+use tokio_util::codec::{Decoder, Encoder};
 
 #[cfg(target_endian = "big")]
 compile_error!("bulk payloads are cast, not converted: the wire is little-endian and so must the machine be");
@@ -126,9 +127,67 @@ pub fn agree(ours: VersionRange, preamble: &[u8; PREAMBLE_LEN]) -> Result<u16, C
     Ok(common)
 }
 
-/// The frame codec of a link whose messages have at most `limit` bytes.
-pub fn framing(limit: usize) -> LengthDelimitedCodec {
-    LengthDelimitedCodec::builder().little_endian().length_field_length(4).max_frame_length(limit).new_codec()
+/// The frames of a link: a length (u32, little endian, not counting itself), then that many bytes.
+///
+/// What may come in has a limit of its own, for a peer that only says small things must not be able to make us reserve
+/// what we may send it.
+#[derive(Clone, Debug)]
+pub struct Framing {
+    incoming_max: usize,
+    /// Length of the frame whose beginning has come.
+    awaited: Option<usize>,
+}
+
+impl Framing {
+    /// Frames of which at most `incoming_max` bytes are taken.
+    pub fn new(incoming_max: usize) -> Self {
+        Self { incoming_max, awaited: None }
+    }
+
+    /// Changes what is taken from the next frame on. What has come already isn't lost.
+    pub fn set_incoming_max(&mut self, incoming_max: usize) {
+        self.incoming_max = incoming_max;
+    }
+}
+
+impl Decoder for Framing {
+    type Item = BytesMut;
+    type Error = io::Error;
+
+    fn decode(&mut self, bytes: &mut BytesMut) -> io::Result<Option<BytesMut>> {
+        let len = match self.awaited {
+            Some(len) => len,
+            None if bytes.len() < size_of::<u32>() => return Ok(None),
+            None => {
+                let len = u64::from(bytes.get_u32_le());
+                within("bytes of a message", len, self.incoming_max).map_err(invalid)?
+            }
+        };
+        if bytes.len() < len {
+            self.awaited = Some(len);
+            // A claim alone reserves this much; what is larger grows with what comes.
+            bytes.reserve((len - bytes.len()).min(limits::CLAIM_MAX));
+            return Ok(None);
+        }
+        self.awaited = None;
+        Ok(Some(bytes.split_to(len)))
+    }
+}
+
+impl Encoder<Bytes> for Framing {
+    type Error = io::Error;
+
+    fn encode(&mut self, message: Bytes, bytes: &mut BytesMut) -> io::Result<()> {
+        within("bytes of a message", message.len() as u64, limits::BULK_MESSAGE_MAX).map_err(invalid)?;
+        bytes.reserve(size_of::<u32>() + message.len());
+        bytes.put_u32_le(message.len() as u32);
+        bytes.extend_from_slice(&message);
+        Ok(())
+    }
+}
+
+fn invalid(error: CodecError) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, error)
 }
 
 fn options() -> impl Options {
@@ -600,6 +659,41 @@ mod tests {
         let mut header = BytesMut::new();
         header.put_u32_le(u32::MAX);
         assert!(matches!(decode::<u8>(header.freeze()), Err(CodecError::Truncated { .. })));
+    }
+
+    #[test]
+    fn a_frame_too_large_is_refused_by_its_length_alone() {
+        let mut framing = Framing::new(10);
+        let mut bytes = BytesMut::from(&[11, 0, 0, 0][..]);
+        let error = framing.decode(&mut bytes).unwrap_err().to_string();
+        assert_eq!(error, "bytes of a message is 11, at most 10 are allowed");
+        assert!(bytes.capacity() < 10, "{} bytes were reserved", bytes.capacity());
+    }
+
+    #[test]
+    fn a_claim_reserves_no_more_than_its_bound_before_bytes_come() {
+        let mut framing = Framing::new(limits::BULK_MESSAGE_MAX);
+        let mut bytes = BytesMut::from(&(limits::BULK_MESSAGE_MAX as u32).to_le_bytes()[..]);
+        assert!(framing.decode(&mut bytes).unwrap().is_none());
+        assert!(bytes.capacity() <= 2 * limits::CLAIM_MAX, "{} bytes were reserved", bytes.capacity());
+    }
+
+    #[test]
+    fn frames_come_out_whole_however_they_come_in_and_under_a_limit_that_changes() {
+        let mut wire = BytesMut::new();
+        let mut framing = Framing::new(4);
+        for message in [&b"abc"[..], b"", b"abcdefgh"] {
+            framing.encode(Bytes::from_static(message), &mut wire).unwrap();
+        }
+        let (mut bytes, mut frames) = (BytesMut::new(), Vec::new());
+        for byte in wire {
+            bytes.put_u8(byte);
+            while let Some(frame) = framing.decode(&mut bytes).unwrap() {
+                framing.set_incoming_max(8);
+                frames.push(frame);
+            }
+        }
+        assert_eq!(frames, [&b"abc"[..], b"", b"abcdefgh"]);
     }
 
     proptest! {

@@ -34,6 +34,30 @@ pub const TEXTURE_SIZE_MAX: u32 = 16_384;
 pub const MOVED_MAX: usize = 100_000;
 /// Largest control message, bytes.
 pub const CONTROL_MESSAGE_MAX: usize = 1 << 20;
+/// Largest preview picture that a compositor sends, bytes.
+pub const PREVIEW_MAX: usize = 16 << 20;
+/// Bytes that the claim of a length alone can make us reserve; a larger message's memory grows with what has come of it.
+/// A view of 1080p in 8 bits fits.
+pub const CLAIM_MAX: usize = 8 << 20;
+/// Peers connected at once to one daemon, greeted or not.
+pub const CONNECTIONS_MAX: usize = BOARDS_MAX + 64;
+/// Of these, from one address: a whole rig on one machine.
+pub const CONNECTIONS_PER_ADDRESS_MAX: usize = BOARDS_MAX + 8;
+/// Peers of one address that have not said who they are. One more ends the oldest of them: honest ones need
+/// milliseconds, so a peer that stalls keeps nobody out.
+pub const GREETINGS_PER_ADDRESS_MAX: usize = 128;
+/// Likewise, of all addresses.
+pub const GREETINGS_MAX: usize = 192;
+/// New connections that one address may make a second, in the long run: each costs a handshake, about a millisecond.
+pub const CONNECTIONS_PER_SECOND_MAX: u32 = 64;
+/// And at once, when it has made none for a while: all boards of a machine, and each again.
+pub const CONNECTIONS_BURST_MAX: u32 = 2 * CONNECTIONS_PER_ADDRESS_MAX as u32;
+/// Addresses that connections are counted for. One that has made none for a few seconds is forgotten.
+pub const ADDRESSES_MAX: usize = 4096;
+/// Longest name in a certificate: a label of the domain name system.
+pub const NODE_NAME_MAX: usize = 63;
+/// Largest file of certificates or keys, bytes.
+pub const KEY_FILE_MAX: u64 = 1 << 20;
 /// Largest bulk message (a mesh, a texture, a table slice, a run of tiles), bytes.
 pub const BULK_MESSAGE_MAX: usize = 1 << 28;
 /// Bytes of pieces that may be on their way to a board, sent and not yet confirmed; a single larger piece may too. A frame
@@ -52,4 +76,6 @@ const _: () = assert!(
     (TEXTURE_SIZE_MAX as u64) * (TEXTURE_SIZE_MAX as u64) * 4 >= BULK_MESSAGE_MAX as u64,
     "the message limit, not the side limit, bounds a texture's memory"
 );
+const _: () = assert!(CONNECTIONS_PER_ADDRESS_MAX < CONNECTIONS_MAX, "one address can't take all places");
+const _: () = assert!(GREETINGS_PER_ADDRESS_MAX < GREETINGS_MAX && GREETINGS_MAX <= CONNECTIONS_MAX, "likewise");
 const _: () = assert!(PIECE_NAMES_MAX * 16 + 1024 <= CONTROL_MESSAGE_MAX, "boards send control messages only");

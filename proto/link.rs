@@ -1,19 +1,19 @@
 //! How a stream between two daemons begins, and messages over it: the part of every shell that is the same.
 //!
-//! Generic over the stream: a TCP socket in the rig, a pipe in memory in tests, a TLS session off loopback. Nothing here
+//! Generic over the stream: a TCP socket in the rig, a pipe in memory in tests, a TLS session where there are keys. Nothing here
 //! opens a socket or reads a clock; who wants a time limit puts one round it.
 
-use crate::codec::{self, CodecError, PREAMBLE_LEN, VERSIONS};
+use crate::codec::{self, CodecError, Framing, PREAMBLE_LEN, VERSIONS};
 use bytes::Bytes;
 use futures_util::{SinkExt, Stream, StreamExt};
 use serde::{Serialize, de::DeserializeOwned};
 use std::io;
 use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio_util::codec::{Framed, LengthDelimitedCodec};
+use tokio_util::codec::Framed;
 
 /// A stream of frames after the preambles.
-pub type Link<S> = Framed<S, LengthDelimitedCodec>;
+pub type Link<S> = Framed<S, Framing>;
 
 /// Why a link is over.
 #[derive(Debug, Error)]
@@ -39,7 +39,7 @@ pub async fn open<S: AsyncRead + AsyncWrite + Unpin>(mut stream: S, limit: usize
     let mut theirs = [0; PREAMBLE_LEN];
     stream.read_exact(&mut theirs).await?;
     codec::agree(VERSIONS, &theirs)?;
-    Ok(Framed::new(stream, codec::framing(limit)))
+    Ok(Framed::new(stream, Framing::new(limit)))
 }
 
 /// The next message, or `None` when the peer closed the stream.

@@ -80,6 +80,9 @@ pub enum ToBoard {
     Alive,
     /// A stand-by wants to lead.
     Ask(Ask),
+    /// Before each wiring, where there are keys: the names in the certificates of this board's neighbours. Who says to be
+    /// one of them must have that name; who isn't here is no neighbour.
+    Neighbours(Vec<(BoardKey, String)>),
 }
 
 /// Board → backplane.
@@ -309,6 +312,8 @@ pub enum ToCompositor {
     Swap(Swap),
     /// The rig ends: finish what is queued, then end.
     Goodbye,
+    /// Where there are keys: the names in the certificates of all boards. Who sends tiles as one of them must have that name.
+    Boards(Vec<(BoardKey, String)>),
 }
 
 /// Compositor → backplane.

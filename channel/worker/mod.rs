@@ -24,6 +24,7 @@ mod session;
 
 use crate::pipeline::Renderer;
 use crate::simd::SimdLevel;
+use link::Trust;
 use neighbours::Neighbours;
 use painter::Painter;
 use proto::backoff::Backoff;
@@ -43,6 +44,8 @@ const LEAVE_TIMEOUT: Duration = Duration::from_millis(700);
 pub struct Config {
     /// Where the backplane listens, `host:port`.
     pub backplane: String,
+    /// How links are protected.
+    pub trust: Trust,
     /// Where to listen for the right neighbour; port 0: any free port.
     pub listen: SocketAddr,
     /// Where the right neighbour reaches us, `host:port`, if not at the address that reaches the backplane.
@@ -92,7 +95,7 @@ pub async fn run(
     renderer.set_simd(config.simd);
     let mut painter =
         Painter::start(renderer, config.memory).map_err(|error| WorkerError::Threads(error.to_string()))?;
-    let mut neighbours = Neighbours::listen(listener);
+    let mut neighbours = Neighbours::listen(listener, config.trust.clone());
     listening(address);
 
     let mut backoff = Backoff::new(u64::from(std::process::id()));

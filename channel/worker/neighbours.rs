@@ -1,17 +1,22 @@
 //! The links between boards. Each is a task that only moves messages; what they mean is [`proto::chain::BoardChain`]'s.
+//!
+//! Where there are keys, a neighbour must have the certificate of the board that it says it is. The backplane tells the names
+//! ([`Neighbours::expect`]); a neighbour that is quicker than the backplane's word waits for it before the chain hears anything of it.
 
+use ::link::{Arrival, Expected, Identity, Incoming, Listener, NodeRole, Stream, Trust};
 use futures_util::StreamExt;
 use proto::chain::LinkId;
-use proto::ids::Epoch;
+use proto::ids::{BoardKey, Epoch};
 use proto::limits;
-use proto::link::{self, LinkError};
+use proto::link::{self, Link, LinkError};
 use proto::message::NeighbourMessage;
 use std::collections::BTreeMap;
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::mpsc;
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Facts that may wait for the session.
@@ -20,8 +25,11 @@ const FACTS: usize = 64;
 const OUTBOX: usize = 8;
 /// A neighbour link that isn't up by then has failed.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(300);
-/// Links at once: two are in use, some may be ending.
-const LINKS_MAX: usize = 32;
+/// A neighbour that hasn't said who it is by then, or whom the backplane hasn't named, is dropped. A wiring takes no longer.
+const GREETING_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// The names in the certificates of the neighbours under the newest wiring.
+type Roster = BTreeMap<BoardKey, String>;
 
 /// What happened on a neighbour link.
 #[derive(Debug)]
@@ -49,15 +57,24 @@ pub(super) struct Neighbours {
     inbox: mpsc::Receiver<NeighbourEvent>,
     links: BTreeMap<LinkId, Outbox>,
     next: Arc<AtomicU64>,
+    trust: Trust,
+    roster: watch::Sender<Roster>,
 }
 
 impl Neighbours {
     /// Listens for right neighbours as long as the runtime lives.
-    pub(super) fn listen(listener: TcpListener) -> Self {
+    pub(super) fn listen(listener: TcpListener, trust: Trust) -> Self {
         let (facts, inbox) = mpsc::channel(FACTS);
         let next = Arc::new(AtomicU64::new(1));
-        tokio::spawn(accept(listener, facts.clone(), next.clone()));
-        Self { facts, inbox, links: BTreeMap::new(), next }
+        let roster = watch::Sender::new(Roster::new());
+        let listener = Listener::new(listener, trust.clone());
+        tokio::spawn(accept(listener, facts.clone(), next.clone(), roster.subscribe()));
+        Self { facts, inbox, links: BTreeMap::new(), next, trust, roster }
+    }
+
+    /// Who the neighbours are by their certificates, from now on.
+    pub(super) fn expect(&self, names: Vec<(BoardKey, String)>) {
+        self.roster.send_replace(names.into_iter().collect());
     }
 
     /// The next fact. Cancel-safe.
@@ -74,20 +91,18 @@ impl Neighbours {
         self.links.insert(link, outbox);
     }
 
-    /// Opens the link to the left neighbour.
-    pub(super) fn connect(&self, epoch: Epoch, address: String) {
+    /// Opens the link to the left neighbour, which the backplane calls `left`.
+    pub(super) fn connect(&self, epoch: Epoch, address: String, left: Option<BoardKey>) {
         let (facts, link) = (self.facts.clone(), LinkId(self.next.fetch_add(1, Ordering::Relaxed)));
+        let (trust, name) = (self.trust.clone(), left.and_then(|key| self.roster.borrow().get(&key).cloned()));
         tokio::spawn(async move {
-            let stream = tokio::time::timeout(CONNECT_TIMEOUT, TcpStream::connect(&address)).await;
-            let result = match stream {
-                Ok(Ok(stream)) => serve(stream, link, Some(epoch), &facts).await,
-                Ok(Err(error)) => Err(error.into()),
-                Err(_) => Err(LinkError::Io(std::io::ErrorKind::TimedOut.into())),
-            };
-            if let Err(error) = result {
-                tracing::info!(%address, %error, "no link to the left neighbour");
-                // The session has ended if nobody listens.
-                let _ = facts.send(NeighbourEvent::Failed(epoch)).await;
+            match open(&trust, &address, name).await {
+                Ok(opened) => carry(opened, link, Some(epoch), None, &facts).await,
+                Err(error) => {
+                    tracing::info!(%address, %error, "no link to the left neighbour");
+                    // The session has ended if nobody listens.
+                    let _ = facts.send(NeighbourEvent::Failed(epoch)).await;
+                }
             }
         });
     }
@@ -110,55 +125,110 @@ impl Neighbours {
 
     /// Closes all links.
     pub(super) fn close_all(&mut self) {
+        self.roster.send_replace(Roster::new());
         for (_, outbox) in std::mem::take(&mut self.links) {
             outbox.cut.cancel();
         }
     }
 }
 
-async fn accept(listener: TcpListener, facts: mpsc::Sender<NeighbourEvent>, next: Arc<AtomicU64>) {
-    let places = Arc::new(tokio::sync::Semaphore::new(LINKS_MAX));
+async fn accept(
+    mut listener: Listener,
+    facts: mpsc::Sender<NeighbourEvent>,
+    next: Arc<AtomicU64>,
+    roster: watch::Receiver<Roster>,
+) {
     loop {
-        // The semaphore is never closed.
-        let Ok(place) = places.clone().acquire_owned().await else { return };
-        match listener.accept().await {
-            Ok((stream, from)) => {
+        match listener.next().await {
+            Arrival::Peer(incoming) => {
                 let (facts, link) = (facts.clone(), LinkId(next.fetch_add(1, Ordering::Relaxed)));
-                tokio::spawn(async move {
-                    let _place = place;
-                    if let Err(error) = serve(stream, link, None, &facts).await {
-                        tracing::info!(%from, %error, "neighbour link refused");
-                    }
-                });
+                tokio::spawn(serve(incoming, link, facts, roster.clone()));
             }
-            Err(error) => {
-                tracing::warn!(%error, "accept failed");
-                tokio::time::sleep(Duration::from_millis(100)).await;
+            Arrival::Refused { count, from, reason } => {
+                tracing::warn!(count, %from, %reason, "neighbour links refused");
             }
         }
     }
 }
 
-/// Carries one link from its preamble to its end. An error is one of the preamble; later ends are facts.
-async fn serve(
-    stream: TcpStream,
+/// Connects to the left neighbour, and with keys makes sure that it is the one of this name.
+async fn open(trust: &Trust, address: &str, name: Option<String>) -> Result<Link<Stream>, LinkError> {
+    if trust.has_keys() && name.is_none() {
+        return Err(denied("the backplane has not said who is there".into()));
+    }
+    let expected = Expected { role: NodeRole::Board, name };
+    let stream = tokio::time::timeout(CONNECT_TIMEOUT, trust.connect(address, &expected));
+    let stream = stream.await.map_err(|_| LinkError::Io(io::ErrorKind::TimedOut.into()))??;
+    let opened = tokio::time::timeout(CONNECT_TIMEOUT, link::open(stream, limits::CONTROL_MESSAGE_MAX));
+    opened.await.map_err(|_| LinkError::Io(io::ErrorKind::TimedOut.into()))?
+}
+
+/// Hears who a right neighbour is, and makes sure of it.
+async fn greet(
+    stream: Stream,
+    mut roster: watch::Receiver<Roster>,
+) -> Result<(Link<Stream>, NeighbourMessage), LinkError> {
+    let identity = stream.peer().cloned();
+    let mut opened = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
+    let (hello, _) = link::expect::<NeighbourMessage>(&mut opened).await?;
+    let NeighbourMessage::Hello { key, .. } = hello else {
+        return Err(denied("it doesn't say hello first".into()));
+    };
+    if let Some(identity) = identity {
+        check(key, &identity, &mut roster).await?;
+    }
+    Ok((opened, hello))
+}
+
+async fn serve(incoming: Incoming, link: LinkId, facts: mpsc::Sender<NeighbourEvent>, roster: watch::Receiver<Roster>) {
+    let from = incoming.from();
+    match incoming.greet(GREETING_TIMEOUT, |stream| greet(stream, roster)).await {
+        Ok(((opened, hello), _place)) => carry(opened, link, None, Some(hello), &facts).await,
+        Err(error) => tracing::info!(%from, %error, "neighbour link refused"),
+    }
+}
+
+/// Whether who says to be the board `key` is that board, as soon as the backplane has told of it.
+async fn check(key: BoardKey, identity: &Identity, roster: &mut watch::Receiver<Roster>) -> Result<(), LinkError> {
+    let told = roster.wait_for(|names| names.contains_key(&key)).await;
+    // The daemon ends.
+    let Ok(names) = told else { return Err(LinkError::Closed) };
+    match names.get(&key) {
+        Some(name) if *name == identity.name => Ok(()),
+        _ => Err(denied(format!("it says that it is board {key:?}, with the certificate of {identity}"))),
+    }
+}
+
+fn denied(what: String) -> LinkError {
+    LinkError::Io(io::Error::new(io::ErrorKind::PermissionDenied, what))
+}
+
+/// Carries one link to its end. `hello` is what the right neighbour has said already.
+async fn carry(
+    opened: Link<Stream>,
     link: LinkId,
     epoch: Option<Epoch>,
+    hello: Option<NeighbourMessage>,
     facts: &mpsc::Sender<NeighbourEvent>,
-) -> Result<(), LinkError> {
-    stream.set_nodelay(true)?;
-    let opened = tokio::time::timeout(CONNECT_TIMEOUT, link::open(stream, limits::CONTROL_MESSAGE_MAX)).await;
-    let Ok(opened) = opened else { return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into())) };
-    let (mut sink, mut source) = opened?.split();
+) {
+    let (mut sink, mut source) = opened.split();
     let (queue, mut waiting) = mpsc::channel(OUTBOX);
     let cut = CancellationToken::new();
     let outbox = Outbox { queue, cut: cut.clone() };
     if facts.send(NeighbourEvent::Up { link, outbox, epoch }).await.is_err() {
-        return Ok(());
+        return;
     }
     let reading = async {
+        if let Some(hello) = hello
+            && facts.send(NeighbourEvent::Message(link, hello)).await.is_err()
+        {
+            return;
+        }
         while let Ok(Some((message, _))) = link::receive(&mut source).await {
-            if facts.send(NeighbourEvent::Message(link, message)).await.is_err() {
+            // Who has said who it is can't be another.
+            if matches!(message, NeighbourMessage::Hello { .. })
+                || facts.send(NeighbourEvent::Message(link, message)).await.is_err()
+            {
                 break;
             }
         }
@@ -177,5 +247,4 @@ async fn serve(
     }
     // The session has ended if nobody listens.
     let _ = facts.send(NeighbourEvent::Down(link)).await;
-    Ok(())
 }

@@ -1,6 +1,7 @@
 //! The link to the compositor: a task that connects, gives the painter a queue, and empties it into the socket.
 
 use super::painter::Work;
+use ::link::{Expected, NodeRole, Trust};
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
 use proto::backoff::Backoff;
@@ -10,7 +11,6 @@ use proto::limits;
 use proto::link::{self, LinkError};
 use proto::message::TileMessage;
 use std::time::Duration;
-use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
@@ -20,14 +20,14 @@ const QUEUE: usize = 4;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Keeps a link to the compositor at `address` until dropped.
-pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sender<Work>) -> DropGuard {
+pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sender<Work>, trust: Trust) -> DropGuard {
     let cut = CancellationToken::new();
     let ended = cut.clone();
     tokio::spawn(async move {
         let mut backoff = Backoff::new(key.0 ^ u64::from(std::process::id()));
         let keeping = async {
             loop {
-                match carry(&address, key, &painter, &mut backoff).await {
+                match carry(&address, key, &painter, &trust, &mut backoff).await {
                     Ok(()) => tracing::info!(%address, "the compositor closed its link"),
                     Err(error) => tracing::info!(%address, %error, "no link to the compositor"),
                 }
@@ -49,12 +49,12 @@ async fn carry(
     address: &str,
     key: BoardKey,
     painter: &std::sync::mpsc::Sender<Work>,
+    trust: &Trust,
     backoff: &mut Backoff,
 ) -> Result<(), LinkError> {
     let connecting = async {
-        let stream = TcpStream::connect(address).await?;
-        stream.set_nodelay(true)?;
-        link::open(stream, limits::BULK_MESSAGE_MAX).await
+        let stream = trust.connect(address, &Expected::any(NodeRole::Compositor)).await?;
+        link::open(stream, limits::CONTROL_MESSAGE_MAX).await
     };
     let Ok(connected) = tokio::time::timeout(CONNECT_TIMEOUT, connecting).await else {
         return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));

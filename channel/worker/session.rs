@@ -3,8 +3,9 @@
 use super::neighbours::{NeighbourEvent, Neighbours};
 use super::painter::{Painted, Painter, Work};
 use super::{Config, LEAVE_TIMEOUT, outlet};
+use ::link::{Expected, NodeRole, Stream, Trust};
 use bytes::Bytes;
-use proto::chain::{BoardChain, BoardOutput};
+use proto::chain::{BoardChain, BoardOutput, Left, ToBoardChain};
 use proto::codec::{CodecError, decode_ids, encode_ids};
 use proto::ids::BoardKey;
 use proto::limits;
@@ -16,7 +17,6 @@ use proto::time::Time;
 use proto::view::ViewSetup;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
-use tokio::net::TcpStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
@@ -40,9 +40,12 @@ pub(super) enum End {
 }
 
 pub(super) struct Session {
-    backplane: Link<TcpStream>,
+    backplane: Link<Stream>,
+    trust: Trust,
     chain: BoardChain,
     started: Instant,
+    /// Who is to the left under the newest wiring.
+    left: Option<BoardKey>,
     key: BoardKey,
     views: Vec<ViewSetup>,
     outlet: Option<(String, DropGuard)>,
@@ -57,8 +60,7 @@ impl Session {
     /// Connects and says hello.
     pub(super) async fn open(config: &Config, listening: SocketAddr) -> Result<Self, LinkError> {
         let greeting = async {
-            let stream = TcpStream::connect(&config.backplane).await?;
-            stream.set_nodelay(true)?;
+            let stream = config.trust.connect(&config.backplane, &Expected::any(NodeRole::Manager)).await?;
             // Listening on any address, we are reached at the one that reaches the backplane.
             let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
             let link = config.advertise.clone();
@@ -74,8 +76,10 @@ impl Session {
         let key = BoardKey(0);
         Ok(Self {
             backplane: backplane?,
+            trust: config.trust.clone(),
             chain: BoardChain::new(key),
             started: Instant::now(),
+            left: None,
             key,
             views: Vec::new(),
             outlet: None,
@@ -112,7 +116,7 @@ impl Session {
                     let result = match message {
                         Err(error) => Err(End::Lost(error)),
                         Ok(None) => Err(End::Lost(LinkError::Closed)),
-                        Ok(Some((message, payload))) => self.on_message(message, payload, painter),
+                        Ok(Some((message, payload))) => self.on_message(message, payload, painter, neighbours),
                     };
                     if let Err(end) = result {
                         return if leaving.is_some() { End::Shutdown } else { end };
@@ -150,7 +154,13 @@ impl Session {
         link::send(&mut self.backplane, message, payload).await
     }
 
-    fn on_message(&mut self, message: ToBoard, payload: Bytes, painter: &Painter) -> Result<(), End> {
+    fn on_message(
+        &mut self,
+        message: ToBoard,
+        payload: Bytes,
+        painter: &Painter,
+        neighbours: &Neighbours,
+    ) -> Result<(), End> {
         if self.heard.is_some() || message == ToBoard::Alive {
             self.heard = Some(tokio::time::Instant::now());
         }
@@ -166,7 +176,9 @@ impl Session {
             ToBoard::Compositor { address } => {
                 if self.outlet.as_ref().map(|(at, _)| at) != address.as_ref() {
                     self.outlet = None;
-                    self.outlet = address.map(|at| (at.clone(), outlet::keep(at, self.key, painter.work())));
+                    let keep =
+                        |at: String| (at.clone(), outlet::keep(at, self.key, painter.work(), self.trust.clone()));
+                    self.outlet = address.map(keep);
                 }
             }
             ToBoard::Piece(head) => self.on_slice(&head, &payload, painter).map_err(|e| End::Lost(e.into()))?,
@@ -175,7 +187,13 @@ impl Session {
                 painter.send(Work::Evict(ids));
             }
             ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
-            ToBoard::Chain(message) => self.chain.on_backplane(message),
+            ToBoard::Neighbours(names) => neighbours.expect(names),
+            ToBoard::Chain(message) => {
+                if let ToBoardChain::Wire { left: Left::Board { key, .. }, .. } = &message {
+                    self.left = Some(*key);
+                }
+                self.chain.on_backplane(message);
+            }
             ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
             // The link is alive. A board that knows one backplane has no term to grant.
             ToBoard::Alive | ToBoard::Ask(_) => {}
@@ -267,7 +285,7 @@ impl Session {
     async fn drain(&mut self, neighbours: &mut Neighbours) -> Result<(), LinkError> {
         while let Some(output) = self.chain.poll_output() {
             match output {
-                BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address),
+                BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address, self.left),
                 BoardOutput::ToBackplane(message) => {
                     self.say(&FromBoard::Chain(message), &[]).await?;
                 }

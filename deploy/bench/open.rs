@@ -81,12 +81,12 @@ fn rows_of(scene: &str, folder: &Path, times: usize) -> Result<Vec<Row>, Command
     };
     let name = gltf.display().to_string();
     let Unassembled { parts, .. } = source::parts(&name, &mut |_| ())?;
-    let imported = source::assemble(&name, parts.clone())?;
+    let imported = source::assemble(&name, parts.clone(), &|_| ())?;
     let baked_file = folder.join("scene.baked");
     baked::write(&parts, &imported, &baked_file, &mut |_| ControlFlow::Continue(()))?;
     drop(parts);
 
-    let import = || source::parts(&name, &mut |_| ()).and_then(|found| source::assemble(&name, found.parts));
+    let import = || source::parts(&name, &mut |_| ()).and_then(|found| source::assemble(&name, found.parts, &|_| ()));
     let open = || Ok(baked::open(&baked_file)?);
     let read = || Ok(baked::open_by_reading(&baked_file)?);
     let all = || {

@@ -6,6 +6,7 @@
 
 mod feed;
 mod frame;
+mod roster;
 
 use super::Config;
 use super::calm::Calm;
@@ -17,6 +18,7 @@ use super::statistics::{BoardMemory, LinkBytes, Present, Report, Statistics};
 use super::stream::Stream;
 use crate::host::native::Freshness;
 use bytes::Bytes;
+use link::Identity;
 use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock};
 use proto::codec::encode;
 use proto::frame::PixelFormat;
@@ -49,11 +51,11 @@ const PREVIEW_PERIOD: Duration = Duration::from_millis(90);
 #[derive(Debug)]
 pub(crate) enum Event {
     /// Somebody connected and said who it is.
-    Hello { key: BoardKey, hello: Hello, from: SocketAddr, outbox: Outbox },
+    Hello { key: BoardKey, hello: Hello, from: SocketAddr, identity: Option<Identity>, outbox: Outbox },
     /// A link is over.
     Lost { key: BoardKey, reason: String },
-    /// Somebody connected and didn't speak our protocol.
-    Refused { from: SocketAddr, error: String },
+    /// Somebody connected and wasn't let in, or so many, the last from there.
+    Refused { from: SocketAddr, error: String, count: u64 },
     /// A board said something.
     Board { key: BoardKey, message: FromBoard, payload: Bytes },
     /// The compositor said something.
@@ -75,6 +77,8 @@ pub(crate) enum Event {
 #[derive(Debug)]
 struct Board {
     name: String,
+    /// The name in its certificate, where there are keys.
+    certified: Option<String>,
     /// Where its right neighbour reaches it.
     link: String,
     outbox: Outbox,
@@ -99,9 +103,10 @@ struct Board {
 }
 
 impl Board {
-    fn new(name: String, link: String, outbox: Outbox, since: Time) -> Self {
+    fn new(name: String, certified: Option<String>, link: String, outbox: Outbox, since: Time) -> Self {
         Self {
             name,
+            certified,
             link,
             outbox,
             lists: BTreeMap::new(),
@@ -291,11 +296,12 @@ impl Engine {
 
     fn on_event(&mut self, event: Event) {
         match event {
-            Event::Hello { key, hello, from, outbox } => self.on_hello(key, hello, from, outbox),
+            Event::Hello { key, hello, from, identity, outbox } => self.on_hello(key, hello, from, identity, outbox),
             Event::Lost { key, reason } => self.on_lost(key, &reason),
-            Event::Refused { from, error } => {
-                self.statistics.dropped.connections += 1;
-                self.log("refused", format!("{from}: {error}"));
+            Event::Refused { from, error, count } => {
+                self.statistics.dropped.connections += count;
+                let more = if count > 1 { format!(" ({count} connections)") } else { String::new() };
+                self.log("refused", format!("{from}: {error}{more}"));
             }
             Event::Board { key, message, payload } => self.on_board(key, message, &payload),
             // One that was refused may still be talking.
@@ -319,7 +325,7 @@ impl Engine {
         self.statistics.on_event(self.started.elapsed(), self.clock.next_frame().0, event, detail);
     }
 
-    fn on_hello(&mut self, key: BoardKey, hello: Hello, from: SocketAddr, outbox: Outbox) {
+    fn on_hello(&mut self, key: BoardKey, hello: Hello, from: SocketAddr, identity: Option<Identity>, outbox: Outbox) {
         match hello.role {
             Role::Board { .. } if self.boards.len() >= limits::BOARDS_MAX => {
                 let reason = format!("this rig has {} boards already, the most there can be", self.boards.len());
@@ -329,6 +335,7 @@ impl Engine {
             }
             Role::Board { threads, link, memory } => {
                 let compositor = self.compositor.as_ref().map(|c| c.listen.clone());
+                let certified = identity.map(|identity| identity.name);
                 let is_taken = outbox.send(encode(&ToBoard::Welcome { key }, &[]))
                     && outbox.send(encode(&ToBoard::Compositor { address: compositor }, &[]));
                 if is_taken {
@@ -337,7 +344,8 @@ impl Engine {
                     self.log("connected", detail);
                     self.stream.on_board(key, memory, self.config.board_memory);
                     let now = self.now();
-                    self.boards.insert(key, Board::new(hello.name, link, outbox, now));
+                    self.boards.insert(key, Board::new(hello.name, certified, link, outbox, now));
+                    self.tell_compositor_boards();
                 }
             }
             Role::Compositor { listen, format, records } => {
@@ -351,6 +359,7 @@ impl Engine {
                 outbox.send(encode(&ToCompositor::Welcome, &[]));
                 let address = Some(listen.clone());
                 self.compositor = Some(Compositor { key, listen, format, records, outbox, views: 0 });
+                self.tell_compositor_boards();
                 self.update_compositor_views();
                 // Boards keep the last frame's tiles, and in one format only.
                 if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor)
@@ -509,6 +518,7 @@ impl Engine {
         while let Some(output) = self.chain.poll_output() {
             match output {
                 BackplaneOutput::Send(key, message) => {
+                    self.tell_neighbours(key, &message);
                     if let Some(board) = self.boards.get(&key) {
                         board.outbox.send(encode(&ToBoard::Chain(message), &[]));
                     }

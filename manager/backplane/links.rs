@@ -17,18 +17,17 @@ use super::engine::Event;
 use bytes::Bytes;
 use futures_util::SinkExt;
 use futures_util::stream::{SplitSink, SplitStream, StreamExt};
+use link::{Arrival, Identity, Incoming, Listener, NodeRole, Stream};
 use proto::codec;
 use proto::ids::{BoardKey, ContentId};
 use proto::limits;
-use proto::link::{self, Link, LinkError};
+use proto::link::{Link, LinkError, expect, open, receive};
 use proto::message::{FromBoard, FromCompositor, Hello, Role};
 use proto::piece::{PIECE_OVERHEAD, PieceKind};
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
@@ -42,8 +41,6 @@ const PIECES: usize = (limits::PIECES_IN_FLIGHT_MAX / PIECE_OVERHEAD) as usize +
 const LENGTH_BYTES: u64 = 4;
 /// A peer that has not said hello by then is dropped.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
-/// Peers connected at once, greeted or not.
-const CONNECTIONS_MAX: usize = limits::BOARDS_MAX + 64;
 
 /// What a writer sends.
 #[derive(Debug)]
@@ -130,69 +127,81 @@ pub(crate) async fn post(engine: &SyncSender<Event>, mut event: Event) -> bool {
 
 /// Accepts links for ever.
 pub(crate) async fn listen(
-    listener: TcpListener,
+    mut listener: Listener,
     engine: SyncSender<Event>,
     content: Arc<Content>,
     traffic: Arc<Traffic>,
 ) {
     let keys = Arc::new(AtomicU64::new(1));
-    let places = Arc::new(tokio::sync::Semaphore::new(CONNECTIONS_MAX));
     loop {
-        // The semaphore is never closed.
-        let Ok(place) = places.clone().acquire_owned().await else { return };
-        match listener.accept().await {
-            Ok((stream, from)) => {
+        match listener.next().await {
+            Arrival::Peer(incoming) => {
                 let (engine, content, keys, traffic) = (engine.clone(), content.clone(), keys.clone(), traffic.clone());
                 tokio::spawn(async move {
-                    let _place = place;
-                    if let Err(error) = serve(stream, from, &engine, content, &keys, &traffic).await {
-                        post(&engine, Event::Refused { from, error: error.to_string() }).await;
+                    let from = incoming.from();
+                    if let Err(error) = serve(incoming, &engine, content, &keys, &traffic).await {
+                        post(&engine, Event::Refused { from, error: error.to_string(), count: 1 }).await;
                     }
                 });
             }
-            Err(error) => {
-                // Out of file descriptors, most likely: others may be given back.
-                tracing::warn!(%error, "accept failed");
-                tokio::time::sleep(Duration::from_millis(100)).await;
+            Arrival::Refused { count, from, reason } => {
+                post(&engine, Event::Refused { from, error: reason, count }).await;
             }
         }
     }
 }
 
+/// Hears who a peer is.
+async fn greet(stream: Stream) -> Result<(Link<Stream>, Hello, Option<Identity>), LinkError> {
+    let identity = stream.peer().cloned();
+    // Before a peer has said who it is, it may claim little.
+    let mut opened = open(stream, limits::CONTROL_MESSAGE_MAX).await?;
+    let (mut hello, _) = expect::<Hello>(&mut opened).await?;
+    let (Role::Board { link: address, .. } | Role::Compositor { listen: address, .. }) = &hello.role;
+    // Addresses go out again in messages of bounded length.
+    codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
+    let role = match hello.role {
+        Role::Board { .. } => NodeRole::Board,
+        Role::Compositor { .. } => NodeRole::Compositor,
+    };
+    // Names are for people and logs: bounded, and no control characters.
+    hello.name = hello.name.chars().filter(|c| !c.is_control()).take(limits::NAME_MAX / 4).collect();
+    if let Some(identity) = &identity {
+        if identity.role != role {
+            let what = format!("it says that it is a {role}, with the certificate of {identity}");
+            return Err(LinkError::Io(std::io::Error::new(std::io::ErrorKind::PermissionDenied, what)));
+        }
+        hello.name = known_as(&identity.name, &hello.name);
+    }
+    if role == NodeRole::Compositor {
+        // It sends pictures. A board says nothing large.
+        opened.codec_mut().set_incoming_max(limits::PREVIEW_MAX);
+    }
+    Ok((opened, hello, identity))
+}
+
+/// The name in the certificate, and then what a node calls itself: several boards may have the keys of their machine.
+fn known_as(certified: &str, said: &str) -> String {
+    if said == certified { certified.to_owned() } else { format!("{certified} ({said})") }
+}
+
 /// Greets a link and starts its writer and reader. An error is one of the greeting; afterwards the engine hears `Lost`.
 async fn serve(
-    stream: TcpStream,
-    from: SocketAddr,
+    incoming: Incoming,
     engine: &SyncSender<Event>,
     content: Arc<Content>,
     keys: &AtomicU64,
     traffic: &Arc<Traffic>,
 ) -> Result<(), LinkError> {
-    stream.set_nodelay(true)?;
-    let greeting = async {
-        // Before a peer has said who it is, it may claim little.
-        let mut opened = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-        let (hello, _) = link::expect::<Hello>(&mut opened).await?;
-        // A compositor sends pictures. A board says nothing large, but the codec has one limit for both ways, and a scene's table is large.
-        opened.codec_mut().set_max_frame_length(limits::BULK_MESSAGE_MAX);
-        // Addresses go out again in messages of bounded length.
-        let (Role::Board { link: address, .. } | Role::Compositor { listen: address, .. }) = &hello.role;
-        codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
-        Ok::<_, LinkError>((opened, hello))
-    };
-    let Ok(greeted) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else {
-        return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
-    };
-    let (link, mut hello) = greeted?;
-    // Names are for people and logs: bounded, and no control characters.
-    hello.name = hello.name.chars().filter(|c| !c.is_control()).take(limits::NAME_MAX / 4).collect();
+    let from = incoming.from();
+    let ((link, hello, identity), _place) = incoming.greet(GREETING_TIMEOUT, greet).await?;
     let key = BoardKey(keys.fetch_add(1, Ordering::Relaxed));
     let is_board = matches!(hello.role, Role::Board { .. });
     let (queue, waiting) = mpsc::channel(OUTBOX);
     let (pieces, wanted) = mpsc::channel(PIECES);
     let cut = CancellationToken::new();
     let outbox = Outbox { queue, pieces, cut: cut.clone() };
-    if !post(engine, Event::Hello { key, hello, from, outbox }).await {
+    if !post(engine, Event::Hello { key, hello, from, identity, outbox }).await {
         return Ok(());
     }
     let (sink, source) = link.split();
@@ -218,7 +227,7 @@ async fn serve(
 }
 
 async fn read_board(
-    mut source: SplitStream<Link<TcpStream>>,
+    mut source: SplitStream<Link<Stream>>,
     key: BoardKey,
     engine: &SyncSender<Event>,
     traffic: &Traffic,
@@ -235,11 +244,11 @@ async fn read_board(
 }
 
 async fn read_compositor(
-    mut source: SplitStream<Link<TcpStream>>,
+    mut source: SplitStream<Link<Stream>>,
     key: BoardKey,
     engine: &SyncSender<Event>,
 ) -> Result<(), LinkError> {
-    while let Some((message, payload)) = link::receive::<FromCompositor>(&mut source).await? {
+    while let Some((message, payload)) = receive::<FromCompositor>(&mut source).await? {
         if !post(engine, Event::Compositor { key, message, payload }).await {
             break;
         }
@@ -254,7 +263,7 @@ enum Next {
 }
 
 async fn write(
-    mut sink: SplitSink<Link<TcpStream>, Bytes>,
+    mut sink: SplitSink<Link<Stream>, Bytes>,
     mut waiting: mpsc::Receiver<Outgoing>,
     mut wanted: mpsc::Receiver<(ContentId, PieceKind)>,
     content: Arc<Content>,

@@ -39,6 +39,7 @@ pub use statistics::{
 use crate::host::native::SequenceFilter;
 use content::Content;
 use engine::{Engine, Event};
+use link::{Listener, Trust};
 use links::Traffic;
 use proto::chain::ClockMode;
 use proto::pose::PosePacket;
@@ -71,6 +72,8 @@ pub struct Config {
     pub wait_for_compositor: bool,
     /// Bytes that each board may use for meshes and textures, however many it has.
     pub board_memory: u64,
+    /// How links to boards and compositors are protected.
+    pub trust: Trust,
     /// Where boards and compositors connect (TCP).
     pub listen: SocketAddr,
     /// Where native pose packets arrive (UDP).
@@ -151,6 +154,7 @@ pub async fn run(
     let traffic = Arc::new(Traffic::default());
     let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
     let started = Instant::now();
+    let listener = Listener::new(backplane, config.trust.clone());
     let engine = Engine::new(config, content.clone(), catalogue, poses.clone(), traffic.clone(), started);
     let (ended, end) = tokio::sync::oneshot::channel();
     std::thread::Builder::new()
@@ -160,7 +164,7 @@ pub async fn run(
         .map_err(ManagerError::Thread)?;
 
     let mut tasks = tokio::task::JoinSet::new();
-    tasks.spawn(links::listen(backplane, facts.clone(), content, traffic));
+    tasks.spawn(links::listen(listener, facts.clone(), content, traffic));
     tasks.spawn(receive_poses(poses, facts.clone(), started));
     #[cfg(feature = "console")]
     if let Some(listener) = console {

@@ -221,15 +221,23 @@ impl Scene {
     /// # Panics
     /// If the nodes are not in depth-first order: the importer's own mistake.
     pub fn assemble(parts: Parts) -> Result<Self, AssembleError> {
-        Self::build(parts, None)
+        Self::assemble_watched(parts, &|_| ())
+    }
+
+    /// The same; `watch` hears how far it is, from 0 to 1, on any thread.
+    ///
+    /// # Errors
+    /// [`AssembleError`].
+    pub fn assemble_watched(parts: Parts, watch: &(dyn Fn(f64) + Sync)) -> Result<Self, AssembleError> {
+        Self::build(parts, None, watch)
     }
 
     /// The same with what is known already; the parts have no meshes and textures of their own.
     pub(super) fn assemble_known(parts: Parts, known: Known) -> Result<Self, AssembleError> {
-        Self::build(parts, Some(known))
+        Self::build(parts, Some(known), &|_| ())
     }
 
-    fn build(parts: Parts, known: Option<Known>) -> Result<Self, AssembleError> {
+    fn build(parts: Parts, known: Option<Known>, watch: &(dyn Fn(f64) + Sync)) -> Result<Self, AssembleError> {
         let Parts { name, nodes: sources, shapes, materials, meshes, textures, mut warnings } = parts;
         check_counts(&sources, &shapes)?;
         let mut nodes: Vec<Node> = Vec::with_capacity(sources.len());
@@ -336,7 +344,7 @@ impl Scene {
                 (known.meshes, known.textures, known.names)
             }
             None => {
-                planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings);
+                planes::find(&objects, &shapes, &meshes, &mut table, &mut warnings, watch);
                 (meshes.into(), textures.into(), by_name(&nodes))
             }
         };

@@ -36,6 +36,7 @@ use rayon::prelude::*;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use tree::{BoxTree, touch};
 
 /// Most pairs of faces that one mesh, or two objects, may cost: a fraction of a second.
@@ -83,15 +84,26 @@ impl Links {
     }
 }
 
-/// Fills in the planes of `table`, whose objects and subobjects are those of `objects`.
+/// Fills in the planes of `table`, whose objects and subobjects are those of `objects`. `watch` hears how much has been searched, from 0 to
+/// 1, on any thread.
 pub(super) fn find(
     objects: &[Object],
     shapes: &[Shape],
     meshes: &BTreeMap<ContentId, Arc<Mesh>>,
     table: &mut SceneTable,
     warnings: &mut Vec<String>,
+    watch: &(dyn Fn(f64) + Sync),
 ) {
-    let searched: Vec<Searched<'_>> = shapes.par_iter().map(|shape| Searched::new(shape, meshes)).collect();
+    let faces = |shape: &Shape| shape.pieces.iter().map(|piece| u64::from(piece.triangles)).sum::<u64>();
+    let (done, all) = (AtomicU64::new(0), shapes.iter().map(faces).sum::<u64>().max(1));
+    let search = |shape| {
+        let searched = Searched::new(shape, meshes);
+        let done = done.fetch_add(faces(shape), Ordering::Relaxed) + faces(shape);
+        // What is between shapes comes after them, and takes little.
+        watch(done as f64 / all as f64);
+        searched
+    };
+    let searched: Vec<Searched<'_>> = shapes.par_iter().map(search).collect();
     let mut search = Search { objects, shapes: searched, table, links: Links::default(), cut_short: false };
     search.within_objects();
     search.between_objects();

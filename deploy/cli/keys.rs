@@ -1,0 +1,109 @@
+//! Flags about trust: the command `keys`, and what daemons say of their links.
+
+use clap::{Args, Subcommand, ValueEnum};
+use link::NodeRole;
+use std::path::PathBuf;
+
+/// How a daemon's links are protected.
+#[derive(Clone, Debug, Default, Args)]
+pub(crate) struct TrustArgs {
+    /// Folder of this node's keys, made by `cyclorama keys issue`: all its links are encrypted, and both ends prove who they are
+    #[arg(long, env = "CYCLORAMA_KEYS", value_name = "DIR")]
+    pub keys: Option<PathBuf>,
+    /// Allow addresses beyond this machine for what isn't encrypted: links without --keys, pose packets, the console
+    #[arg(long)]
+    pub insecure: bool,
+}
+
+#[derive(Debug, Subcommand)]
+#[command(
+    after_help = "Example:\n  cyclorama keys init authority\n  cyclorama keys issue authority --role board --name pc1 --out pc1\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1"
+)]
+pub(crate) enum KeysCommand {
+    /// Make a rig's authority: what all its keys are issued by
+    Init(KeysInitArgs),
+    /// Issue keys for one node, or new ones in place of its old ones
+    Issue(KeysIssueArgs),
+    /// Say what is in a folder of keys, and until when it can be used
+    Show(KeysShowArgs),
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  cyclorama keys init authority\n\nKeep the folder where no rig runs: who has it can issue keys for any node."
+)]
+pub(crate) struct KeysInitArgs {
+    /// The folder to make it in
+    pub folder: PathBuf,
+    /// How long its certificate holds, days
+    #[arg(long, default_value_t = 3650, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub days: u32,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama keys issue authority --role manager --name desk --out desk\n  cyclorama keys issue authority --role board --name pc1 --out pc1 --days 90\n\nCopy the folder to the node and nowhere else. Running daemons take new keys from it by themselves."
+)]
+pub(crate) struct KeysIssueArgs {
+    /// The authority's folder
+    pub authority: PathBuf,
+    /// What the node is
+    #[arg(long, value_enum)]
+    pub role: RoleArg,
+    /// What it is called: small letters, digits and hyphens. Nodes of one name can speak for each other
+    #[arg(long, value_parser = node_name)]
+    pub name: String,
+    /// The folder that the keys go into
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// How long they can be used, days
+    #[arg(long, default_value_t = 365, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub days: u32,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama keys show pc1")]
+pub(crate) struct KeysShowArgs {
+    /// A node's folder, or the authority's
+    pub folder: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What keys are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RoleArg {
+    /// The scene manager
+    Manager,
+    /// A board (`cyclorama channel`)
+    Board,
+    /// The compositor
+    Compositor,
+}
+
+impl From<RoleArg> for NodeRole {
+    fn from(role: RoleArg) -> Self {
+        match role {
+            RoleArg::Manager => Self::Manager,
+            RoleArg::Board => Self::Board,
+            RoleArg::Compositor => Self::Compositor,
+        }
+    }
+}
+
+fn node_name(text: &str) -> Result<String, String> {
+    let right = "small letters, digits and hyphens, at most 63, with a letter or digit at both ends";
+    if link::is_node_name(text) { Ok(text.to_owned()) } else { Err(format!("expected {right}, like left-wall-2")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::node_name;
+
+    #[test]
+    fn a_name_that_is_none_is_refused_with_an_example() {
+        assert_eq!(node_name("pc1"), Ok("pc1".into()));
+        assert!(node_name("PC 1").unwrap_err().contains("left-wall-2"));
+    }
+}
