@@ -171,6 +171,7 @@ async fn greet(stream: Stream) -> Result<(Link<Stream>, Hello, Option<Identity>)
             let what = format!("it says that it is a {role}, with the certificate of {identity}");
             return Err(LinkError::Io(std::io::Error::new(std::io::ErrorKind::PermissionDenied, what)));
         }
+        tracing::info!(%identity, fingerprint = %identity.fingerprint, "proven by its certificate");
         hello.name = known_as(&identity.name, &hello.name);
     }
     if role == NodeRole::Compositor {

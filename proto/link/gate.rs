@@ -173,6 +173,16 @@ mod tests {
     }
 
     #[test]
+    fn silent_peers_of_many_addresses_make_room_too() {
+        let mut gate = Gate::default();
+        let stalled: Vec<_> =
+            (0..limits::GREETINGS_MAX as u32).map(|k| gate.on_arrival(Time(0), address(k)).unwrap().1).collect();
+        assert!(gate.on_arrival(Time(0), address(9999)).is_ok());
+        assert_eq!(stalled.iter().filter(|end| end.is_cancelled()).count(), 1);
+        assert!(stalled[0].is_cancelled(), "it is the oldest that ends");
+    }
+
+    #[test]
     fn who_has_greeted_is_never_ended_by_others() {
         let mut gate = Gate::default();
         let (ticket, end) = gate.on_arrival(Time(0), address(1)).unwrap();

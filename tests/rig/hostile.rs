@@ -3,6 +3,7 @@
 use crate::program::Rig;
 use proto::codec::{self, encode_ids};
 use proto::ids::ContentId;
+use proto::limits;
 use proto::message::{FromBoard, Hello, Role};
 use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
@@ -98,18 +99,38 @@ fn a_second_compositor_is_refused_and_told_why() {
     goes_on(&rig);
 }
 
+/// What a board says first.
+fn hello(memory: u64) -> Vec<u8> {
+    let role = Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory };
+    framed(&codec::encode(&Hello { name: "impostor".into(), role }, &[]))
+}
+
+fn framed(message: &[u8]) -> Vec<u8> {
+    [&(message.len() as u32).to_le_bytes(), message].concat()
+}
+
+#[test]
+fn a_board_that_announces_more_than_boards_say_is_cut_before_it_comes() {
+    let (rig, backplane, _) = flying();
+    let mut stream = TcpStream::connect(backplane).unwrap();
+    stream.write_all(&codec::preamble(codec::VERSIONS)).unwrap();
+    let claim = (limits::CONTROL_MESSAGE_MAX as u32 + 1).to_le_bytes();
+    stream.write_all(&[&hello(1 << 30)[..], &claim].concat()).unwrap();
+    // Not one byte of it has been sent when the link ends.
+    let _ = stream.read_to_end(&mut Vec::new());
+    let lost = |stats: &serde_json::Value| stats["events"].to_string().contains("bytes of a message is 1048577");
+    rig.wait("the reason in the log", lost);
+    goes_on(&rig);
+}
+
 /// A board that says hello and then these; returns when its link is closed.
 fn board(backplane: std::net::SocketAddr, memory: u64, says: &[(FromBoard, Vec<u8>)]) {
     let mut stream = TcpStream::connect(backplane).unwrap();
     stream.write_all(&codec::preamble(codec::VERSIONS)).unwrap();
-    let role = Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory };
-    let mut bytes = Vec::new();
-    let mut say = |message: bytes::Bytes| {
-        bytes.extend_from_slice(&(message.len() as u32).to_le_bytes());
-        bytes.extend_from_slice(&message);
-    };
-    say(codec::encode(&Hello { name: "impostor".into(), role }, &[]));
-    says.iter().for_each(|(message, payload)| say(codec::encode(message, payload)));
+    let mut bytes = hello(memory);
+    for (message, payload) in says {
+        bytes.extend(framed(&codec::encode(message, payload)));
+    }
     stream.write_all(&bytes).unwrap();
     // It may be cut in the middle of what it is sent.
     let _ = stream.read_to_end(&mut Vec::new());

@@ -82,7 +82,12 @@ impl Drop for Daemon {
 
 /// A manager of one small view of the airport that shows its first pose; its backplane and its console.
 pub(crate) fn manager(keys: Option<&Path>) -> (Daemon, SocketAddr, SocketAddr) {
-    let ports = ["--listen", "127.0.0.1:0", "--pose-listen", "127.0.0.1:0", "--console", "127.0.0.1:0"];
+    manager_at("127.0.0.1:0", keys)
+}
+
+/// Likewise, with its backplane at this address.
+pub(crate) fn manager_at(listen: &str, keys: Option<&Path>) -> (Daemon, SocketAddr, SocketAddr) {
+    let ports = ["--listen", listen, "--pose-listen", "127.0.0.1:0", "--console", "127.0.0.1:0"];
     let small = ["manager", "--supervised", "--views", "1", "--size", "96x64", "--samples", "1"];
     let keys = keys.map(|folder| ["--keys", folder.to_str().unwrap()]);
     let args = [&small[..], &ports, keys.as_ref().map_or(&[], |keys| &keys[..])].concat();

@@ -1,13 +1,13 @@
 //! Rigs with keys: the same pictures, nothing in the clear, nobody in who doesn't belong, and keys that change in flight.
 
-use crate::keys::{Authority, Daemon, board, manager};
+use crate::keys::{Authority, Daemon, board, manager, manager_at};
 use crate::program::{Rig, files, fly, run, stats, wait_for};
 use manager::scene::{Scene, builtin, import};
 use proto::codec::encode_mesh;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -53,6 +53,29 @@ fn beyond_this_machine_links_need_keys_or_a_word() {
             fails(&["manager", "--keys", keys.to_str().unwrap(), "--listen", "127.0.0.1:0", option, "0.0.0.0:0"]);
         assert!(error.contains("with or without keys; say --insecure"), "{error}");
     }
+}
+
+#[test]
+fn with_keys_a_rig_is_reached_beyond_loopback() {
+    let authority = Authority::new();
+    let (_manager, backplane, console) = manager_at("0.0.0.0:0", Some(&authority.issue("manager", "desk")));
+    // Which address of this machine others would see; nothing is sent.
+    let socket = UdpSocket::bind("0.0.0.0:0").unwrap();
+    let Ok(own) = socket.connect("192.0.2.1:9").and_then(|()| socket.local_addr()) else {
+        println!("skipped: this machine has no address but loopback");
+        return;
+    };
+    let backplane = SocketAddr::new(own.ip(), backplane.port()).to_string();
+    let boards = ["pc1", "pc2"].map(|name| {
+        let keys = authority.issue("board", name);
+        let args = ["channel", "--backplane", &backplane, "--listen", "0.0.0.0:0", "--threads", "1", "--keys"];
+        Daemon::start(&[&args[..], &[keys.to_str().unwrap()]].concat())
+    });
+    // Two: so neighbours reach each other too.
+    let stats = wait_for("two boards", || stats(console).filter(|stats| stats["boards"] == 2 && stats["frames"] != 0));
+    let events = stats["events"].to_string();
+    assert!(events.contains("board pc1 (") && events.contains(&own.ip().to_string()), "{events}");
+    drop(boards);
 }
 
 #[test]
