@@ -224,7 +224,7 @@ fn found(toy: &Toy, sight: &Sight<'_>) -> Vec<Selection> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(ProptestConfig::with_cases(48))]
 
     /// Show 2: the same set as the plain algorithm's, in the order of the keys, whatever the number of lists; and the lists of a frame
     /// are disjoint and complete, with every group whole in one of them.

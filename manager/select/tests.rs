@@ -234,7 +234,7 @@ fn tangents() -> impl Strategy<Value = Tangents> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(80))]
+    #![proptest_config(ProptestConfig::with_cases(48))]
 
     /// The same set as the plain test's, but for what the object as a whole decided better; the same order.
     #[test]

@@ -10,6 +10,7 @@
 
 mod bad_input;
 mod bake;
+mod cut;
 mod grid;
 mod hostile;
 mod impostor;
@@ -19,6 +20,7 @@ mod lights;
 mod pictures;
 mod place;
 mod program;
+mod relay;
 mod still;
 mod streaming;
 mod transition;

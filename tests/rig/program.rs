@@ -48,6 +48,27 @@ pub(crate) fn files(folder: &Path) -> std::collections::BTreeMap<String, Vec<u8>
     entries.map(read).collect()
 }
 
+/// A daemon that is ended when dropped.
+pub(crate) struct Daemon(Child);
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts one.
+pub(crate) fn daemon(args: &[&str]) -> Daemon {
+    Daemon(cyclorama().args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
+}
+
+/// An address of this machine at which nobody listens at present.
+pub(crate) fn free_address() -> SocketAddr {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
+    listener.local_addr().expect("a bound socket has an address")
+}
+
 /// Looks until `probe` finds something.
 pub(crate) fn wait_for<T>(what: &str, mut probe: impl FnMut() -> Option<T>) -> T {
     let started = Instant::now();

@@ -2,13 +2,12 @@
 //! nobody ever holds more than its limit.
 
 use crate::grid;
-use crate::program::{Rig, cyclorama, files, fly, stats, wait_for};
+use crate::program::{Rig, daemon, files, fly, stats, wait_for};
 use manager::scene::{Scene, builtin, import};
 use proto::piece::{mesh_memory, texture_memory};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
 use std::path::Path;
-use std::process::{Child, Stdio};
 
 /// What all of a scene counts for, bytes.
 fn memory(scene: &Scene) -> u64 {
@@ -115,20 +114,6 @@ fn dense_is_flown_through_with_a_third_of_its_memory() {
             && streaming["evicted"].as_u64() > Some(0)
     });
     check(&stats, 2);
-}
-
-/// A daemon that is ended when dropped.
-struct Daemon(Child);
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-fn daemon(args: &[&str]) -> Daemon {
-    Daemon(cyclorama().args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
 }
 
 #[test]
