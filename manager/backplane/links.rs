@@ -219,12 +219,26 @@ async fn serve(
         ended = reading => ended,
         () = cut.cancelled() => Ok(()),
     };
+    if let Some(error) = ended.as_ref().err().filter(|error| is_breach(error)) {
+        // Said apart from the loss: what breaks the rules right behind its greeting is gone before the engine has known it.
+        let error = format!("it broke the protocol: {error}");
+        post(engine, Event::Refused { from, error, count: 1 }).await;
+    }
     let reason = ended.err().map_or_else(|| "closed its link".to_owned(), |error| error.to_string());
     post(engine, Event::Lost { key, reason }).await;
     cut.cancel();
     // The writer only ever ends; that it was cancelled is no news.
     let _ = writer.await;
     Ok(())
+}
+
+/// Whether a peer said what it may not, rather than went away.
+fn is_breach(error: &LinkError) -> bool {
+    match error {
+        LinkError::Codec(_) => true,
+        LinkError::Io(error) => error.kind() == std::io::ErrorKind::InvalidData,
+        LinkError::Closed => false,
+    }
 }
 
 async fn read_board(

@@ -118,8 +118,9 @@ fn a_board_that_announces_more_than_boards_say_is_cut_before_it_comes() {
     stream.write_all(&[&hello(1 << 30)[..], &claim].concat()).unwrap();
     // Not one byte of it has been sent when the link ends.
     let _ = stream.read_to_end(&mut Vec::new());
-    let lost = |stats: &serde_json::Value| stats["events"].to_string().contains("bytes of a message is 1048577");
-    rig.wait("the reason in the log", lost);
+    let stats = rig.wait("its being counted", |stats| stats["dropped"]["connections"] == 1);
+    let events = stats["events"].to_string();
+    assert!(events.contains("it broke the protocol: bytes of a message is 1048577"), "{events}");
     goes_on(&rig);
 }
 
