@@ -10,13 +10,13 @@ use super::coverage::{BLOCK, BLOCK_PIXELS, BLOCKS, BLOCKS_PER_ROW, SampleTables,
 use super::depth::{BlockDepth, bounds, fronts, in_front};
 use super::visible::{Arriving, CENTRE, Visible};
 use crate::frame::Frame;
-use crate::geometry::setup::{Flags, Plane};
+use crate::geometry::setup::{Flags, Triangle};
 use crate::pipeline::Skips;
 use crate::prefetch::prefetch;
-use crate::samples::SUBPIXELS;
+use crate::samples::{Pattern, SUBPIXELS};
 use crate::shade::FaceCache;
 use fearless_simd::Simd;
-use proto::frame::PixelRect;
+use proto::frame::{PixelRect, TILE};
 
 /// How many triangles ahead memory is asked for. A guess: a few times what a small one takes.
 const AHEAD: usize = 6;
@@ -71,25 +71,40 @@ pub fn pixels_of_view(rect: PixelRect) -> [u64; BLOCKS] {
     })
 }
 
-/// Whether a triangle is surely hidden in the part of the tile that its extent meets.
+/// Where in a tile a triangle is, and the bounds of its depth by blocks; `None` if nothing of it can be seen there. What is behind all that the tile shows is
+/// told from one bound over the whole tile, before anything else is computed.
 #[inline(always)]
-pub fn is_hidden<S: Simd>(
+pub fn unless_hidden<S: Simd>(
     simd: S,
-    plane: &Plane,
-    depth: &BlockDepth,
-    extent: &TileExtent,
+    skips: Skips,
+    pattern: &Pattern,
+    rect: PixelRect,
+    triangle: &Triangle,
     visible: &mut Visible,
-) -> bool {
-    if let Some(block) = extent.one_block() {
-        return nearest_in_block(depth, depth.at(block)) < visible.far(simd, block);
+    counts: &mut RasterCounts,
+) -> Option<(TileExtent, BlockDepth)> {
+    let plane = triangle.plane();
+    let far = if skips.occluded { visible.tile_far(simd) } else { f32::NEG_INFINITY };
+    let is_behind = |[x, y]: [i32; 2], side: i32| bounds(&plane, x, y, side * SUBPIXELS)[1] < f64::from(far);
+    let corner = block_corner(rect, 0);
+    if far != f32::NEG_INFINITY && is_behind(corner, TILE as i32) {
+        counts.occluded += 1;
+        return None;
     }
-    let far = visible.tile_far(simd);
-    if far == f32::NEG_INFINITY {
-        return false;
+    let extent = TileExtent::new(pattern, triangle, rect)?;
+    let depth = BlockDepth::new(pattern, &plane, corner);
+    let is_hidden = match extent.one_block() {
+        Some(block) => skips.occluded && nearest_in_block(&depth, depth.at(block)) < visible.far(simd, block),
+        None => {
+            let [[x0, x1], [y0, y1]] = extent.pixels;
+            far != f32::NEG_INFINITY && is_behind([x0 * SUBPIXELS, y0 * SUBPIXELS], (x1 - x0).max(y1 - y0) + 1)
+        }
+    };
+    if is_hidden {
+        counts.occluded += 1;
+        return None;
     }
-    let [[x0, x1], [y0, y1]] = extent.pixels;
-    let side = (x1 - x0).max(y1 - y0) + 1;
-    bounds(plane, x0 * SUBPIXELS, y0 * SUBPIXELS, side * SUBPIXELS)[1] < f64::from(far)
+    Some((extent, depth))
 }
 
 /// The largest upper bound of a face in a block.
@@ -119,13 +134,8 @@ pub fn draw_opaque<S: Simd>(
         if let Some(next) = numbers.get(place + AHEAD) {
             prefetch(frame.triangle(*next));
         }
-        let Some(extent) = TileExtent::new(pattern, triangle, rect) else { continue };
-        let plane = triangle.plane();
-        let depth = BlockDepth::new(pattern, &plane, block_corner(rect, 0));
-        if skips.occluded && is_hidden(simd, &plane, &depth, &extent, visible) {
-            counts.occluded += 1;
-            continue;
-        }
+        let found = unless_hidden(simd, skips, pattern, rect, triangle, visible, counts);
+        let Some((extent, depth)) = found else { continue };
         let cover = TileCover::new(pattern, triangle, rect);
         let is_small = extent.one_block().is_some();
         tables.clear();

@@ -11,9 +11,11 @@
 use crate::frame::Frame;
 use crate::geometry::setup::{Flags, Plane, Triangle};
 use crate::pipeline::Skips;
-use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover, TileExtent};
+use crate::raster::coverage::{BLOCK_PIXELS, BLOCKS, SampleTables, TileCover};
 use crate::raster::depth::{BlockDepth, in_front};
-use crate::raster::opaque::{RasterCounts, block_corner, is_hidden, nearest_in_block, pixel_corner, pixels_of_view};
+use crate::raster::opaque::{
+    RasterCounts, block_corner, nearest_in_block, pixel_corner, pixels_of_view, unless_hidden,
+};
 use crate::raster::visible::Visible;
 use crate::room::room;
 use crate::shade::FaceCache;
@@ -134,13 +136,9 @@ pub fn gather<S: Simd>(
     for place in first..numbers.len() {
         let number = numbers[place];
         let triangle = frame.triangle(number);
-        let Some(extent) = TileExtent::new(pattern, triangle, rect) else { continue };
+        let found = unless_hidden(simd, skips, pattern, rect, triangle, visible, counts);
+        let Some((extent, depth)) = found else { continue };
         let plane = triangle.plane();
-        let depth = BlockDepth::new(pattern, &plane, block_corner(rect, 0));
-        if skips.occluded && is_hidden(simd, &plane, &depth, &extent, visible) {
-            counts.occluded += 1;
-            continue;
-        }
         let cover = TileCover::new(pattern, triangle, rect);
         tables.clear();
         // Only a model in transition has cut-outs here.
