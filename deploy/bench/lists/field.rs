@@ -129,9 +129,9 @@ impl Bodies for Standing<'_> {
         Layout::piece(self.objects[object] as usize, piece % PIECES, self.balls[object].centre)
     }
     fn content(&self, object: u32) -> Content {
+        let radius = self.balls[object as usize].radius;
         let object = self.objects[object as usize] as usize;
         let triangles = 100 + (part(object, 20) * 1900.0) as u32;
-        let radius = self.balls[object].radius;
         // A cube in the ball.
         let area = (2.0 * radius * radius) as f32;
         let translucent = if part(object, 21) < 0.05 { area / PIECES as f32 } else { 0.0 };
