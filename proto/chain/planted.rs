@@ -1,6 +1,6 @@
 //! Three bugs, each of which can be planted to see that every layer of proof that should catch it does (docs/chain.md).
 //!
-//! Without the feature `planted`, and in every build without debug assertions, [`is_planted`] is false and the
+//! Without the feature `planted`, and in every build without debug assertions, `is_planted` is false and the
 //! compiler leaves nothing of them. The switch is one for the whole process, because a model checker has threads: tests that
 //! plant run one at a time.
 
