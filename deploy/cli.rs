@@ -516,7 +516,7 @@ pub(crate) struct PixelsArgs {
 )]
 pub(crate) struct ListsArgs {
     /// Objects of the worlds; one block of rows for each
-    #[arg(long, default_value = "1000,10000,100000,1000000,10000000", value_delimiter = ',', value_name = "N", value_parser = objects)]
+    #[arg(long, default_value = "100,1000,10000,100000,1000000,10000000", value_delimiter = ',', value_name = "N", value_parser = objects)]
     pub objects: Vec<usize>,
     /// Object processors, each a thread; one row for each number, at most 64
     #[arg(long, default_value = "1,2", value_delimiter = ',', value_name = "N")]
@@ -615,11 +615,9 @@ pub(crate) struct WireArgs {
     pub json: bool,
 }
 
+/// A rig in real time that a benchmark flies.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  cyclorama bench chain --json\n  cyclorama bench chain --kills 10 --silent 5 --leaves 5 --stalls 5 --restarts 1"
-)]
-pub(crate) struct ChainArgs {
+pub(crate) struct FleetArgs {
     /// A glTF file, a baked file, or the name of a built-in scene
     #[arg(default_value = "city")]
     pub scene: String,
@@ -635,6 +633,15 @@ pub(crate) struct ChainArgs {
     /// Frames a second
     #[arg(long, default_value = "60", value_name = "HZ", value_parser = positive)]
     pub rate: f64,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  cyclorama bench chain --json\n  cyclorama bench chain --kills 10 --silent 5 --leaves 5 --stalls 5 --restarts 1"
+)]
+pub(crate) struct ChainArgs {
+    #[command(flatten)]
+    pub fleet: FleetArgs,
     /// How often a board is killed
     #[arg(long, default_value = "200", value_name = "N")]
     pub kills: usize,
@@ -661,21 +668,8 @@ pub(crate) struct ChainArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  cyclorama bench latency city --seconds 60")]
 pub(crate) struct LatencyArgs {
-    /// A glTF file, a baked file, or the name of a built-in scene
-    #[arg(default_value = "city")]
-    pub scene: String,
-    /// How many views
-    #[arg(long, default_value = "3", value_name = "N", value_parser = views)]
-    pub views: NonZeroU32,
-    /// How many boards
-    #[arg(long, default_value = "3", value_name = "N", value_parser = boards)]
-    pub boards: NonZeroUsize,
-    /// Size of each view, pixels; small, for all boards share this machine
-    #[arg(long, default_value = "96x54", value_name = "WxH", value_parser = size)]
-    pub size: (u32, u32),
-    /// Frames a second
-    #[arg(long, default_value = "60", value_name = "HZ", value_parser = positive)]
-    pub rate: f64,
+    #[command(flatten)]
+    pub fleet: FleetArgs,
     /// How long it flies, s
     #[arg(long, default_value = "600", value_name = "S", value_parser = positive)]
     pub seconds: f64,

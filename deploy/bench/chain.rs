@@ -1,10 +1,9 @@
 //! `cyclorama bench chain`: a flying rig whose boards are killed, stopped, asked to leave and replaced, at random.
 
-use super::fleet::{Fleet, Look, Plan, said};
+use super::fleet::{self, Fleet, Look, Plan, said};
 use crate::cli::ChainArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
-use crate::source;
 use ::bench::Report;
 use ::bench::chain::{Quantiles, Row, What, figures, table};
 use rustix::process::Signal;
@@ -37,21 +36,12 @@ impl Times {
 
 /// Runs the command.
 pub(crate) fn chain(args: &ChainArgs) -> Result<(), CommandError> {
-    let source = source::load(&args.scene, None)?;
     let folder = tempfile::tempdir().map_err(said)?;
-    let camera = source.camera_file(folder.path())?;
-    drop(source);
-    let plan = Plan {
-        scene: &args.scene,
-        camera: &camera,
-        views: args.views.get(),
-        boards: args.boards.get(),
-        size: args.size,
-        rate: args.rate,
-    };
+    let camera = fleet::camera(&args.fleet, folder.path())?;
+    let plan = Plan::new(&args.fleet, &camera);
     note(&format!("seed {}", args.seed));
     let mut bench = Bench { fleet: Fleet::start(plan)?, random: Random(args.seed), joined: Times::default() };
-    let period = Duration::from_secs_f64(1.0 / args.rate);
+    let period = Duration::from_secs_f64(1.0 / args.fleet.rate);
     let mut rows = Vec::new();
     for (what, count) in [(What::Killed, args.kills), (What::Silent, args.silent), (What::Left, args.leaves)] {
         note(&format!("{count} times a board is {what} …"));

@@ -3,13 +3,15 @@
 //! Its children end with their stdin, as those of `rig` do, so none outlives the benchmark. What happens is read from the manager's own log of
 //! events; its clock is brought to ours with every reading, to within half of what the reading took.
 
+use crate::cli::FleetArgs;
 use crate::error::CommandError;
 use crate::serve::ManagerLine;
+use crate::source;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -27,6 +29,19 @@ pub(super) struct Plan<'a> {
     pub(super) boards: usize,
     pub(super) size: (u32, u32),
     pub(super) rate: f64,
+}
+
+impl<'a> Plan<'a> {
+    /// As the command line has it, along that camera path.
+    pub(super) fn new(args: &'a FleetArgs, camera: &'a Path) -> Self {
+        let FleetArgs { scene, views, boards, size, rate } = args;
+        Self { scene, camera, views: views.get(), boards: boards.get(), size: *size, rate: *rate }
+    }
+}
+
+/// Writes the path that the scene is flown along into a folder; returns its file.
+pub(super) fn camera(args: &FleetArgs, folder: &Path) -> Result<PathBuf, CommandError> {
+    source::load(&args.scene, None)?.camera_file(folder)
 }
 
 /// A board's process.

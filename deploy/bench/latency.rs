@@ -1,10 +1,9 @@
 //! `cyclorama bench latency`: a rig in real time, and how long it takes from the host's packet to the swap.
 
-use super::fleet::{Fleet, Look, Plan, said};
+use super::fleet::{self, Fleet, Look, Plan, said};
 use crate::cli::LatencyArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
-use crate::source;
 use ::bench::Report;
 use ::bench::latency::{Row, Times, figures, table};
 use std::time::{Duration, Instant};
@@ -16,18 +15,9 @@ const STAGES: [&str; 8] = ["select", "stream", "geometry", "raster", "translucen
 
 /// Runs the command.
 pub(crate) fn latency(args: &LatencyArgs) -> Result<(), CommandError> {
-    let source = source::load(&args.scene, None)?;
     let folder = tempfile::tempdir().map_err(said)?;
-    let camera = source.camera_file(folder.path())?;
-    drop(source);
-    let plan = Plan {
-        scene: &args.scene,
-        camera: &camera,
-        views: args.views.get(),
-        boards: args.boards.get(),
-        size: args.size,
-        rate: args.rate,
-    };
+    let camera = fleet::camera(&args.fleet, folder.path())?;
+    let plan = Plan::new(&args.fleet, &camera);
     let fleet = Fleet::start(plan)?;
     let length = Duration::from_secs_f64(args.seconds);
     let started = Instant::now();
@@ -54,11 +44,11 @@ fn row(args: &LatencyArgs, look: &Look) -> Row {
         Times { p50, p99, p999, max }
     };
     Row {
-        scene: args.scene.clone(),
-        views: args.views.get(),
-        boards: args.boards.get(),
-        size: [args.size.0, args.size.1],
-        rate_hz: args.rate,
+        scene: args.fleet.scene.clone(),
+        views: args.fleet.views.get(),
+        boards: args.fleet.boards.get(),
+        size: [args.fleet.size.0, args.fleet.size.1],
+        rate_hz: args.fleet.rate,
         seconds: look.number("/seconds").unwrap_or(0.0),
         frames: look.count("/frames"),
         late_frames: look.count("/late_frames"),
