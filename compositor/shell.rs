@@ -12,7 +12,7 @@
 use crate::manifest::Manifest;
 use crate::sinks::{FileKind, Files, Picture, SinkError, preview};
 use crate::stitch::Stitcher;
-use ::link::{Arrival, Expected, Identity, Incoming, Listener, NodeRole, Stream, Trust};
+use ::link::{Arrival, Expected, Incoming, Listener, NodeRole, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
 use futures_util::StreamExt;
 use proto::backoff::Backoff;
@@ -74,9 +74,6 @@ pub enum CompositorError {
 
 /// The link of each board, and what ends it.
 type Links = BTreeMap<BoardKey, (u64, CancellationToken)>;
-
-/// Where there are keys, the names in the certificates of the boards, as the backplane tells them.
-type Roster = BTreeMap<BoardKey, String>;
 
 enum Event {
     Board(BoardKey, u64, CancellationToken),
@@ -349,25 +346,10 @@ async fn greet_board(
         return Err(denied("it doesn't say hello first".into()));
     };
     if let Some(identity) = identity {
-        check(key, &identity, &mut roster).await?;
+        check_board(key, &identity, &mut roster).await?;
     }
     tiles.codec_mut().set_incoming_max(limits::BULK_MESSAGE_MAX);
     Ok((tiles, key))
-}
-
-/// Whether who says to be the board `key` is that board. A board may be quicker than the backplane's word of it.
-async fn check(key: BoardKey, identity: &Identity, roster: &mut watch::Receiver<Roster>) -> Result<(), LinkError> {
-    let told = roster.wait_for(|names| names.contains_key(&key)).await;
-    // The daemon ends.
-    let Ok(names) = told else { return Err(LinkError::Closed) };
-    match names.get(&key) {
-        Some(name) if *name == identity.name => Ok(()),
-        _ => Err(denied(format!("it says that it is board {key:?}, with the certificate of {identity}"))),
-    }
-}
-
-fn denied(what: String) -> LinkError {
-    LinkError::Io(io::Error::new(io::ErrorKind::PermissionDenied, what))
 }
 
 async fn serve(

@@ -3,7 +3,7 @@
 //! Where there are keys, a neighbour must have the certificate of the board that it says it is. The backplane tells the names
 //! ([`Neighbours::expect`]); a neighbour that is quicker than the backplane's word waits for it before the chain hears anything of it.
 
-use ::link::{Arrival, Expected, Identity, Incoming, Listener, NodeRole, Stream, Trust};
+use ::link::{Arrival, Expected, Incoming, Listener, NodeRole, Roster, Stream, Trust, check_board, denied};
 use futures_util::StreamExt;
 use proto::chain::LinkId;
 use proto::ids::{BoardKey, Epoch};
@@ -27,9 +27,6 @@ const OUTBOX: usize = 8;
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(300);
 /// A neighbour that hasn't said who it is by then, or whom the backplane hasn't named, is dropped. A wiring takes no longer.
 const GREETING_TIMEOUT: Duration = Duration::from_millis(500);
-
-/// The names in the certificates of the neighbours under the newest wiring.
-type Roster = BTreeMap<BoardKey, String>;
 
 /// What happened on a neighbour link.
 #[derive(Debug)]
@@ -175,7 +172,7 @@ async fn greet(
         return Err(denied("it doesn't say hello first".into()));
     };
     if let Some(identity) = identity {
-        check(key, &identity, &mut roster).await?;
+        check_board(key, &identity, &mut roster).await?;
     }
     Ok((opened, hello))
 }
@@ -186,21 +183,6 @@ async fn serve(incoming: Incoming, link: LinkId, facts: mpsc::Sender<NeighbourEv
         Ok(((opened, hello), _place)) => carry(opened, link, None, Some(hello), &facts).await,
         Err(error) => tracing::info!(%from, %error, "neighbour link refused"),
     }
-}
-
-/// Whether who says to be the board `key` is that board, as soon as the backplane has told of it.
-async fn check(key: BoardKey, identity: &Identity, roster: &mut watch::Receiver<Roster>) -> Result<(), LinkError> {
-    let told = roster.wait_for(|names| names.contains_key(&key)).await;
-    // The daemon ends.
-    let Ok(names) = told else { return Err(LinkError::Closed) };
-    match names.get(&key) {
-        Some(name) if *name == identity.name => Ok(()),
-        _ => Err(denied(format!("it says that it is board {key:?}, with the certificate of {identity}"))),
-    }
-}
-
-fn denied(what: String) -> LinkError {
-    LinkError::Io(io::Error::new(io::ErrorKind::PermissionDenied, what))
 }
 
 /// Carries one link to its end. `hello` is what the right neighbour has said already.

@@ -7,6 +7,7 @@
 //!   show a certificate of the rig's own authority; without, links stay on this machine unless that was waived.
 //! - [`Listener`] accepts, within the bounds of [`proto::limits`]: [`Incoming::greet`] carries a peer from its first byte to
 //!   the end of its greeting, or ends it.
+//! - [`check_board`] holds a board's word against its certificate.
 //! - [`Identity`] is what a certificate says of a peer: its role and its name. Role and name are two names of the domain
 //!   `rig`: the board `pc1` has `board.rig` and `pc1.board.rig`, and is asked for by either. No name server knows them.
 //!
@@ -19,6 +20,7 @@ mod gate;
 mod identity;
 mod keys;
 mod listener;
+mod roster;
 mod stream;
 #[cfg(test)]
 mod tests;
@@ -28,5 +30,6 @@ pub use date::utc;
 pub use identity::{Fingerprint, Identity, NodeRole, is_node_name};
 pub use keys::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, KeysError};
 pub use listener::{Arrival, Incoming, Listener, Place};
+pub use roster::{Roster, check_board, denied};
 pub use stream::Stream;
 pub use trust::{Expected, Trust, is_on_this_machine};
