@@ -452,6 +452,7 @@ impl Renderer {
         let (keeps_back, coarse) = (!self.skips.back_faces && !pattern.is_exact(), self.coarse);
         // Areas also ask for what is a little beside a tile's points.
         let looks = self.skips.hidden && !pattern.is_exact();
+        let drops = self.skips.occluded && !pattern.is_exact();
         let is_hidden = |item: &Item<'_>| {
             looks
                 && item.stored.mesh.triangles.len() >= FACES_WORTH_A_BOX
@@ -467,14 +468,15 @@ impl Renderer {
             at_level!(level, simd => {
                 (run.keeps_back, run.coarse) = (keeps_back, coarse);
                 run.fill(simd, camera, pattern, visibility_m, own, range.start, is_hidden);
-                bins.fill(pattern, map, fronts, &run.triangles, |t| items[t.item as usize].is_fragments());
+                bins.fill(pattern, map, fronts, &run.triangles, drops, |t| items[t.item as usize].is_fragments());
             });
             scratch.busy_ns += nanoseconds(begun);
         });
         self.run_jobs = emptied(jobs);
-        for run in &self.runs[..count] {
+        for (run, bins) in self.runs.iter().zip(&self.bins).take(count) {
             stats.geometry.add(&run.counts);
             stats.triangles_drawn += run.triangles.len() as u64;
+            stats.opaque.occluded += bins.hidden;
         }
         Ok(count)
     }

@@ -66,7 +66,7 @@ fn choices() -> [Skips; 6] {
 #[test]
 fn no_picture_depends_on_what_is_skipped() {
     let mut random = Random(0xB0C5);
-    let (mut hidden, mut back_faces) = (0, 0);
+    let (mut hidden, mut back_faces, mut occluded) = (0, 0, 0);
     for round in 0..60 {
         let store = scene(&mut random);
         let mut state = state();
@@ -92,7 +92,9 @@ fn no_picture_depends_on_what_is_skipped() {
                 let stats = renderer.draw(&store, &state, &view, &list, part, &mut out).unwrap();
                 assert!(skips.hidden || stats.geometry.hidden_subobjects == 0);
                 assert!(skips.back_faces || stats.geometry.backface == 0);
+                assert!(skips.occluded || stats.opaque.occluded == 0);
                 hidden += stats.geometry.hidden_subobjects;
+                occluded += stats.opaque.occluded;
                 back_faces += stats.geometry.backface;
             }
             let picture = draw_with(&mut renderer, &store, &state, &view, &list, &parts);
@@ -101,6 +103,24 @@ fn no_picture_depends_on_what_is_skipped() {
     }
     assert!(back_faces > 500, "{back_faces} back faces were left out");
     assert!(hidden > 500, "{hidden} subobjects were left out");
+    assert!(occluded > 500, "{occluded} triangles were left out");
+}
+
+/// Frames differ in what boards and threads leave out, so pictures alone wouldn't show that bins have become useless.
+#[test]
+fn triangles_behind_a_wall_enter_no_tile_that_it_covers() {
+    let wall = crate_of(DVec3::new(400.0, 400.0, 1.0), [1.0; 4]);
+    let mut placed = vec![(wall, DAffine3::from_translation(DVec3::new(100.0, 30.0, -20.0)))];
+    let behind = mesh_of(&rectangle(DVec3::new(-50.0, -50.0, -30.0), DVec3::X * 100.0, DVec3::Y * 100.0), [0.5; 4]);
+    placed.push((behind, DAffine3::IDENTITY));
+    let store = store_of(placed);
+    let view = view(128, 128, ALL_SAMPLES[2]);
+    let mut renderer = Renderer::new(NonZeroUsize::MIN).unwrap();
+    let mut out = TilePictures::new();
+    let stats = renderer.draw(&store, &state(), &view, &everything(&store), &Part::WHOLE, &mut out).unwrap();
+    let tiles = stats.tiles;
+    assert!(stats.opaque.pairs < tiles * 2, "{} triangles in {tiles} tiles", stats.opaque.pairs);
+    assert!(stats.opaque.occluded >= tiles, "{} triangles left out of {tiles} tiles", stats.opaque.occluded);
 }
 
 #[test]

@@ -5,10 +5,10 @@
 //!
 //! Opaque (and MASK) triangles and translucent ones are kept apart, because the second kind is only looked at when a
 //! tile's opaque faces are known. A large triangle is tested against each tile of its extent, so that a long diagonal one
-//! doesn't enter tiles it never touches.
+//! doesn't enter tiles it never touches. What is known to be hidden in a tile, since a face before it covers all of that, doesn't enter it either.
 
 use super::coverage::Edges;
-use super::fronts::TileFronts;
+use super::fronts::{Nearest, TileFronts};
 use crate::geometry::setup::{Flags, Triangle};
 use crate::samples::{Pattern, SUBPIXELS};
 use proto::frame::{TILE, TileIndex, tile_grid};
@@ -57,6 +57,8 @@ impl TileMap {
 pub struct RunBins {
     opaque: Side,
     translucent: Side,
+    /// (Triangle, tile) pairs left out because they were known to be hidden.
+    pub hidden: u64,
 }
 
 /// One kind's pairs: the triangles of bin k are `triangles[starts[k]..starts[k + 1]]`.
@@ -69,7 +71,7 @@ struct Side {
 
 impl RunBins {
     /// Sorts a run's triangles; `is_fragments` tells the kinds apart by the triangle's item. Opaque triangles that cover whole tiles are
-    /// noted in `fronts`.
+    /// noted in `fronts`; with `looks`, what lies behind such triangles is left out.
     #[inline(always)]
     pub fn fill(
         &mut self,
@@ -77,10 +79,12 @@ impl RunBins {
         map: &TileMap,
         fronts: &TileFronts,
         triangles: &[Triangle],
+        looks: bool,
         is_fragments: impl Fn(&Triangle) -> bool,
     ) {
         self.opaque.pairs.clear();
         self.translucent.pairs.clear();
+        self.hidden = 0;
         let tile = TILE.trailing_zeros();
         let side_sub = TILE as i32 * SUBPIXELS;
         let last = [map.width as i32 - 1, map.height as i32 - 1];
@@ -91,11 +95,16 @@ impl RunBins {
             let (x0, x1) = (x0.max(0) >> tile, x1.min(last[0]) >> tile);
             let (y0, y1) = (y0.max(0) >> tile, y1.min(last[1]) >> tile);
             let edges = ((x1 - x0 + 1) * (y1 - y0 + 1) > 2).then(|| Edges::of(triangle));
+            let nearest = Nearest::of(triangle, [x0 * side_sub, y0 * side_sub], (x1 - x0).max(y1 - y0) + 1);
             for y in y0..=y1 {
                 for x in x0..=x1 {
                     let Some(slot) = map.slot(x, y) else { continue };
+                    let corner = [x * side_sub, y * side_sub];
+                    if looks && fronts.hide_triangle(slot, &nearest, corner) {
+                        self.hidden += 1;
+                        continue;
+                    }
                     if let Some(edges) = &edges {
-                        let corner = [x * side_sub, y * side_sub];
                         if edges.misses(corner[0], corner[1], pattern.low, side_sub - pattern.low) {
                             continue;
                         }

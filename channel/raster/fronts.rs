@@ -1,5 +1,5 @@
 //! Subobjects that need no vertex: those whose box lies behind faces that cover all of its tiles, or meets none of the tiles
-//! that this board draws.
+//! that this board draws; and triangles that needn't enter a tile's bin, for they lie behind a face that covers all of it.
 //!
 //! While triangles are sorted into tiles, each that covers a whole tile says how near it is there at least (*front*). Later
 //! subobjects of the list, which runs from front to back, are asked by their boxes. Whether a front is there already when one
@@ -11,9 +11,10 @@
 
 use super::bins::TileMap;
 use crate::geometry::camera::{Camera, GUARD_BITS};
-use crate::geometry::setup::{Flags, Triangle};
+use crate::geometry::setup::{Flags, Plane, Triangle};
 use crate::geometry::transform::Item;
 use crate::raster::coverage::Edges;
+use crate::raster::depth::bounds;
 use crate::samples::SUBPIXELS;
 use crate::simd::each4;
 use glam::DVec3;
@@ -46,6 +47,23 @@ pub struct BoxExtent {
     nearest: f32,
 }
 
+/// How near a triangle is, 1/m, at most.
+#[derive(Clone, Copy, Debug)]
+pub struct Nearest {
+    plane: Plane,
+    /// In all tiles that it may be in.
+    anywhere: f64,
+}
+
+impl Nearest {
+    /// In so many tiles each way from the one whose upper left is given, sub.
+    #[inline(always)]
+    pub fn of(triangle: &Triangle, [x, y]: [i32; 2], tiles: i32) -> Self {
+        let plane = triangle.plane();
+        Self { plane, anywhere: bounds(&plane, x, y, tiles * SIDE)[1] }
+    }
+}
+
 impl TileFronts {
     /// Forgets all; so many bins.
     pub fn clear(&mut self, bins: usize) {
@@ -59,6 +77,13 @@ impl TileFronts {
         if triangle.flags.0 & (Flags::CUT_OUT | Flags::BEYOND) == 0 && edges.covers_square(x, y, SIDE) {
             self.fronts[slot as usize].fetch_max(least_in_tile(triangle, [x, y]).to_bits(), Ordering::Relaxed);
         }
+    }
+
+    /// Whether nothing of a triangle is seen in a tile of those it was looked at in: its bin, and the tile's upper left, sub.
+    #[inline(always)]
+    pub fn hide_triangle(&self, slot: u32, nearest: &Nearest, [x, y]: [i32; 2]) -> bool {
+        let front = f64::from(f32::from_bits(self.fronts[slot as usize].load(Ordering::Relaxed)));
+        front > 0.0 && (nearest.anywhere < front || bounds(&nearest.plane, x, y, SIDE)[1] < front)
     }
 
     /// Whether nothing of the subobject with that box is seen in the tiles that are drawn.

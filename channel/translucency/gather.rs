@@ -59,11 +59,18 @@ pub struct Fragment {
 }
 
 /// The layers of a tile.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct TileLayers {
     blocks: [Vec<Layer>; BLOCKS],
     masks: Vec<u64>,
     count: usize,
+}
+
+impl Default for TileLayers {
+    // Not derived, since arrays have a default up to a length of 32 only, and tiles of 64 pixels have 64 blocks.
+    fn default() -> Self {
+        Self { blocks: std::array::from_fn(|_| Vec::new()), masks: Vec::new(), count: 0 }
+    }
 }
 
 room!(TileLayers: blocks, masks; count);
