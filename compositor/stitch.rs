@@ -6,6 +6,9 @@
 //! simply isn't touched, and repeats as a whole. A swap is carried out only when every board that it names is done with that
 //! frame. When a newer swap can be carried out, older ones are passed over.
 //!
+//! When the backplane has lowered the resolution, boards send smaller views, and each of their pixels becomes a square on the canvas, which
+//! keeps its size: what can't be shown whole still repeats as it was.
+//!
 //! A wiring begins with every board sending all of its tiles, so what was sent under an older wiring is dropped.
 
 use bytes::Bytes;
@@ -24,12 +27,17 @@ const SWAPS_MAX: usize = 120;
 /// pile up. A start with many late frames needs three or four.
 const WAITING_MAX: usize = 16;
 
+/// How many of the canvas's pixels, each way, one of a board's may stand for.
+const SCALES: [u32; 3] = [1, 2, 4];
+
 /// Tiles of one message, not yet on the canvas.
 #[derive(Clone, Debug)]
 struct Run {
     frame: FrameNumber,
     epoch: Epoch,
     view: ViewId,
+    /// Pixels of the canvas, each way, for one of these.
+    scale: u32,
     tiles: Vec<TileIndex>,
     /// The pixels lie at the end of this payload, from `pixels_at` on.
     payload: Bytes,
@@ -52,6 +60,13 @@ struct Placed {
     y: u32,
     width: u32,
     height: u32,
+}
+
+impl Placed {
+    /// The size of a view of which each pixel stands for `scale` × `scale` of these.
+    fn at_scale(&self, scale: u32) -> (u32, u32) {
+        (self.width.div_ceil(scale), self.height.div_ceil(scale))
+    }
 }
 
 /// A frame went onto the canvas.
@@ -174,11 +189,10 @@ impl Stitcher {
         payload: Bytes,
     ) -> Result<(), CodecError> {
         let (tiles, pixels) = split_tiles(&payload, count, size, format)?;
-        let placed = self.views.get(view.0 as usize);
-        if format != self.format || placed.is_none_or(|placed| (placed.width, placed.height) != size) {
-            // The view has changed meanwhile; the board sends all of it anew as it now is.
-            return Ok(());
-        }
+        let placed = self.views.get(view.0 as usize).filter(|_| format == self.format);
+        let scale = placed.and_then(|placed| SCALES.into_iter().find(|scale| placed.at_scale(*scale) == size));
+        // The view has changed meanwhile; the board sends all of it anew as it now is.
+        let Some(scale) = scale else { return Ok(()) };
         let pixels_at = payload.len() - pixels.len();
         let limit = WAITING_MAX * self.canvas.len();
         if let Some(inbox) = self.boards.get_mut(&key) {
@@ -188,7 +202,7 @@ impl Stitcher {
                 return Err(CodecError::Limit { what: "bytes of tiles that wait for a swap", value, limit });
             }
             inbox.bytes = bytes;
-            inbox.runs.push_back(Run { frame, epoch, view, tiles, payload, pixels_at });
+            inbox.runs.push_back(Run { frame, epoch, view, scale, tiles, payload, pixels_at });
         }
         Ok(())
     }
@@ -254,16 +268,39 @@ impl Stitcher {
     fn lay(&mut self, run: &Run) {
         let Some(placed) = self.views.get(run.view.0 as usize).copied() else { return };
         let mut pixels = &run.payload[run.pixels_at..];
+        let (width, height) = placed.at_scale(run.scale);
         for tile in &run.tiles {
-            let rect = tile.rect(placed.width, placed.height);
+            let rect = tile.rect(width, height);
             let bytes = self.format.bytes();
             let row = rect.width() as usize * bytes;
             for y in rect.y0..rect.y1 {
-                let at = ((placed.y + y) as usize * self.width as usize + (placed.x + rect.x0) as usize) * bytes;
                 let (line, rest) = pixels.split_at(row);
-                self.canvas[at..at + row].copy_from_slice(line);
+                if run.scale == 1 {
+                    let at = ((placed.y + y) as usize * self.width as usize + (placed.x + rect.x0) as usize) * bytes;
+                    self.canvas[at..at + row].copy_from_slice(line);
+                } else {
+                    self.lay_enlarged(placed, run.scale, [rect.x0, y], line);
+                }
                 pixels = rest;
             }
+        }
+    }
+
+    /// Lays a row of pixels, the first of which is number (x, y) of its view, as squares.
+    fn lay_enlarged(&mut self, placed: Placed, scale: u32, [x, y]: [u32; 2], line: &[u8]) {
+        let bytes = self.format.bytes();
+        let count = (line.len() / bytes) as u32;
+        let (left, right) = (x * scale, ((x + count) * scale).min(placed.width));
+        let (top, bottom) = (y * scale, ((y + 1) * scale).min(placed.height));
+        let place = |y: u32| ((placed.y + y) as usize * self.width as usize + (placed.x + left) as usize) * bytes;
+        let (first, len) = (place(top), (right - left) as usize * bytes);
+        let enlarged = self.canvas[first..first + len].chunks_mut(scale as usize * bytes);
+        for (square, pixel) in enlarged.zip(line.chunks_exact(bytes)) {
+            square.chunks_exact_mut(bytes).for_each(|to| to.copy_from_slice(pixel));
+        }
+        for y in top + 1..bottom {
+            let at = place(y);
+            self.canvas.copy_within(first..first + len, at);
         }
     }
 }
@@ -370,6 +407,42 @@ mod tests {
         stitcher.on_swap(swap(2, &[true, true], &[0, 1]));
         stitcher.poll().unwrap();
         assert_eq!((pixel(&stitcher, 50), pixel(&stitcher, 150)), (2, 2), "the late tiles count for the next swap");
+    }
+
+    #[test]
+    fn pixels_of_a_smaller_view_become_squares_and_what_is_not_whole_repeats_as_it_was() {
+        for scale in [2, 4] {
+            // Neither side is a multiple of the scale.
+            let (width, height) = (99, 69);
+            let setup = |scale| {
+                let view = View::row(1, width, height, Tangents::symmetric(45.0, width, height), Samples::One)[0];
+                [ViewSetup::new(view.at_scale(scale))]
+            };
+            let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+            assert!(stitcher.set_views(&setup(1)), "a picture of usual size");
+            stitcher.on_board(BoardKey(0));
+            let small = setup(scale)[0].view;
+            let tiles: Vec<_> = proto::share::Part::WHOLE.tiles(small.width, small.height).collect();
+            let pixel = |x: u32, y: u32| [x as u8, y as u8, (x ^ y) as u8];
+            let mut bytes: Vec<u8> =
+                tiles.iter().flat_map(|t| [t.x.to_le_bytes(), t.y.to_le_bytes()].concat()).collect();
+            for rect in tiles.iter().map(|tile| tile.rect(small.width, small.height)) {
+                bytes.extend((rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).flat_map(move |x| pixel(x, y))));
+            }
+            let (count, size) = (tiles.len() as u32, (small.width, small.height));
+            let (frame, epoch, format) = (FrameNumber(0), Epoch(1), PixelFormat::Srgb8);
+            stitcher.on_tiles(BoardKey(0), frame, epoch, ViewId(0), count, size, format, bytes.into()).unwrap();
+            stitcher.on_done(BoardKey(0), frame, epoch);
+            stitcher.on_swap(swap(0, &[true], &[0]));
+            stitcher.poll().unwrap();
+            let expected: Vec<u8> =
+                (0..height).flat_map(|y| (0..width).flat_map(move |x| pixel(x / scale, y / scale))).collect();
+            assert!(stitcher.canvas() == expected, "scale {scale}");
+            assert!(stitcher.set_views(&setup(1)), "the same views");
+            stitcher.on_swap(swap(1, &[false], &[]));
+            stitcher.poll().unwrap();
+            assert!(stitcher.canvas() == expected, "scale {scale}: it repeats");
+        }
     }
 
     #[test]

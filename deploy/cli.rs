@@ -232,6 +232,9 @@ pub(crate) struct ManagerArgs {
     /// Which levels of detail are shown, of models that have them
     #[arg(long, env = "CYCLORAMA_DETAIL", value_enum)]
     pub detail: Option<DetailArg>,
+    /// How far resolution may fall when boards can't follow at an eighth of the rate: one pixel drawn for N of the picture's, each way
+    #[arg(long, env = "CYCLORAMA_LOWEST_RESOLUTION", value_name = "1|2|4", value_parser = resolution)]
+    pub lowest_resolution: Option<u32>,
     /// Most memory of each board that is used for meshes and textures, MiB; all that boards offer by default
     #[arg(long, env = "CYCLORAMA_BOARD_MEMORY", value_name = "MIB", value_parser = mebibytes)]
     pub board_memory: Option<u64>,
@@ -775,6 +778,13 @@ fn positive(text: &str) -> Result<f64, String> {
 /// Bytes of a number of MiB.
 fn mebibytes(text: &str) -> Result<u64, String> {
     positive(text).map(|mib| (mib * f64::from(1 << 20)) as u64).map_err(|_| "expected MiB, above zero".into())
+}
+
+fn resolution(text: &str) -> Result<u32, String> {
+    match text {
+        "1" | "2" | "4" => text.parse().map_err(|error| format!("{error}")),
+        _ => Err("expected 1, 2 or 4".into()),
+    }
 }
 
 fn rate(text: &str) -> Result<f64, String> {

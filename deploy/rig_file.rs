@@ -19,6 +19,8 @@ pub(crate) struct RigFile {
     pub keys: Option<String>,
     /// Frames a second.
     pub rate_hz: Option<f64>,
+    /// How far resolution may fall when boards can't follow: one pixel drawn for so many each way.
+    pub lowest_resolution: Option<u32>,
     /// Most memory of each board that is used for meshes and textures, MiB.
     pub board_memory_mib: Option<f64>,
     /// Which levels of detail are shown.

@@ -27,6 +27,8 @@ pub(crate) const SIZE: (u32, u32) = (1280, 720);
 /// Default points per pixel.
 pub(crate) const SAMPLES: Samples = Samples::Sixteen;
 const RATE_HZ: f64 = 60.0;
+/// How far resolution may fall: half each way can be looked at, a quarter is for those who ask.
+const LOWEST_RESOLUTION: u32 = 2;
 const PORT_BACKPLANE: u16 = 7400;
 const PORT_POSE: u16 = 7401;
 /// Default port of the console.
@@ -235,6 +237,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         frames: args.frames,
         wait_for_boards: args.wait_for_boards,
         wait_for_compositor: args.wait_for_compositor,
+        scale_max: scale_max(args, &file)?,
         board_memory: board_memory(args, &file)?,
         trust,
         listen,
@@ -242,6 +245,14 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         console_listen: console,
         progress: Arc::default(),
     })
+}
+
+/// How far resolution may fall.
+fn scale_max(args: &ManagerArgs, file: &RigFile) -> Result<u32, CommandError> {
+    match args.lowest_resolution.or(file.lowest_resolution).unwrap_or(LOWEST_RESOLUTION) {
+        scale @ (1 | 2 | 4) => Ok(scale),
+        other => Err(CommandError::said(format!("lowest_resolution is {other}; it can be 1, 2 or 4"))),
+    }
 }
 
 /// Most memory of each board that is used, bytes.

@@ -224,6 +224,11 @@ impl View {
             .collect()
     }
 
+    /// The same window with a pixel for every `scale` × `scale` of its pixels; what remains at the right and lower border counts as whole.
+    pub fn at_scale(self, scale: u32) -> Self {
+        Self { width: self.width.div_ceil(scale), height: self.height.div_ceil(scale), ..self }
+    }
+
     /// The view's pose in the world for an eye there.
     pub fn world_pose(&self, eye: Pose) -> Pose {
         eye.then(self.offset)

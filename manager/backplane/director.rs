@@ -43,7 +43,7 @@ impl DefaultRow {
 pub struct Stage {
     /// The world.
     pub scene: Arc<Scene>,
-    /// The projectors.
+    /// The projectors, at full resolution.
     pub views: Vec<ViewSetup>,
     /// Set when the views are a default row; a host's lens then makes them anew.
     pub row: Option<DefaultRow>,
@@ -74,10 +74,14 @@ pub(crate) struct Director {
     /// Models by the hash of their nodes' names, and how many versions each has.
     models: BTreeMap<u64, (ModelId, u32)>,
     detail: Detail,
+    /// How many pixels of the stage's views, each way, one pixel drawn stands for.
+    scale: u32,
+    /// The stage's views at that scale: what boards draw.
+    drawn: Vec<ViewSetup>,
     selector: Selector,
     /// Asks what else than now and here: other versions, other places. Apart, so that the first has its last answer again.
     elsewhere: Selector,
-    /// Those of the stage, as selection takes them.
+    /// Those that are drawn, as selection takes them.
     views: Vec<View>,
     /// A list in the making.
     list: Vec<SubobjectId>,
@@ -98,8 +102,10 @@ pub(crate) struct Director {
     pub mixtures: Book<VersionWeights>,
     /// Models that the host mixes, ascending.
     given: Vec<VersionWeights>,
-    /// Grows when the views change.
+    /// Grows when what boards draw changes its views.
     pub views_revision: u64,
+    /// Grows when the stage's views change.
+    pub layout_revision: u64,
 }
 
 impl Director {
@@ -113,8 +119,11 @@ impl Director {
         });
         let models = models.collect();
         let detail = Detail::new(&stage.scene, stage.detail, LevelTable::default());
+        let drawn = stage.views.clone();
         Self {
             stage,
+            scale: 1,
+            drawn,
             entities,
             by_hash,
             models,
@@ -133,11 +142,34 @@ impl Director {
             mixtures: Book::default(),
             given: Vec::new(),
             views_revision: 1,
+            layout_revision: 1,
         }
     }
 
+    /// What boards draw.
     pub(crate) fn views(&self) -> &[ViewSetup] {
+        &self.drawn
+    }
+
+    /// What the stitched picture is made of: the same at full resolution.
+    pub(crate) fn layout(&self) -> &[ViewSetup] {
         &self.stage.views
+    }
+
+    /// Lets one pixel drawn stand for so many of the picture's, each way.
+    pub(crate) fn set_scale(&mut self, scale: u32) {
+        if scale != self.scale {
+            self.scale = scale;
+            self.draw_anew();
+        }
+    }
+
+    fn draw_anew(&mut self) {
+        let scale = self.scale;
+        let drawn = self.stage.views.iter().map(|setup| ViewSetup { view: setup.view.at_scale(scale), ..*setup });
+        self.drawn = drawn.collect();
+        self.views_revision += 1;
+        self.is_stale = true;
     }
 
     pub(crate) fn eye(&self) -> Pose {
@@ -156,8 +188,8 @@ impl Director {
             let views = row.views(lens);
             if views != self.stage.views {
                 self.stage.views = views;
-                self.views_revision += 1;
-                self.is_stale = true;
+                self.layout_revision += 1;
+                self.draw_anew();
             }
         }
         let mut unknown = 0;
@@ -198,7 +230,7 @@ impl Director {
             return None;
         }
         self.settled = None;
-        let Stage { scene, views, environment, eye, .. } = &self.stage;
+        let (Stage { scene, environment, eye, .. }, views) = (&self.stage, &self.drawn);
         let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
         let (given, out) = (&self.given, &mut self.weights);
         self.detail.select(scene, &self.entities, given, eye.position, factor, environment.visibility_m, out);
@@ -264,7 +296,7 @@ impl Director {
 
     /// What a view, a little widened, would show to an eye elsewhere.
     pub(crate) fn foresee(&mut self, view: usize, eye: Pose) -> &[SubobjectId] {
-        let Stage { scene, views, environment, .. } = &self.stage;
+        let (Stage { scene, environment, .. }, views) = (&self.stage, &self.drawn);
         let Some(setup) = views.get(view) else { return &[] };
         let factor = detail::display_factor(views.iter().map(|setup| &setup.view));
         let (entities, visibility) = (&self.entities, environment.visibility_m);

@@ -9,6 +9,7 @@ mod frame;
 mod roster;
 
 use super::Config;
+use super::ahead::Ahead;
 use super::calm::Calm;
 use super::content::Content;
 use super::director::Director;
@@ -155,6 +156,11 @@ pub(crate) struct Engine {
     stream: Stream,
     traffic: Arc<Traffic>,
     calm: Calm,
+    ahead: Ahead<(PosePacket, Source)>,
+    /// What the present selection took.
+    selecting: Duration,
+    /// The frames sent last, and when.
+    sent: [(FrameNumber, Time); 2],
     /// Subobjects that the present selection leaves out.
     culled: u64,
     /// The last frame that waited for pieces.
@@ -196,7 +202,8 @@ impl Engine {
             ClockMode::RealTime { period } => chain.set_period(period),
             ClockMode::LockStep => chain.set_silence(LOCK_STEP_SILENCE),
         }
-        let clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
+        let mut clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
+        clock.allow_scale(config.scale_max);
         Self {
             config,
             content,
@@ -208,6 +215,9 @@ impl Engine {
             stream,
             traffic,
             calm: Calm::default(),
+            ahead: Ahead::default(),
+            selecting: Duration::ZERO,
+            sent: [(FrameNumber(u64::MAX), Time(0)); 2],
             culled: 0,
             waited: None,
             boards: BTreeMap::new(),
@@ -246,6 +256,7 @@ impl Engine {
             self.drain();
             self.admit();
             self.open_if_due();
+            self.select_ahead_if_due();
             self.drain();
         }
         for board in self.boards.values() {
@@ -266,7 +277,7 @@ impl Engine {
     fn sleep(&self) -> Duration {
         let now = self.now();
         let clock = self.clock.next_timeout().filter(|_| self.clock.open_frame().is_some() || self.may_open());
-        let due = [self.chain.next_timeout(), clock].into_iter().flatten().min();
+        let due = [self.chain.next_timeout(), clock, self.ahead_due()].into_iter().flatten().min();
         due.map_or(IDLE, |due| due.since(now)).min(IDLE)
     }
 
@@ -309,7 +320,7 @@ impl Engine {
                 self.on_compositor(message, payload);
             }
             Event::Compositor { .. } => {}
-            Event::Pose { packet, from, received, freshness } => self.on_pose(&packet, from, received, freshness),
+            Event::Pose { packet, from, received, freshness } => self.on_pose(packet, from, received, freshness),
             Event::BadPose => self.statistics.dropped.pose_packets += 1,
             // Whoever asked may have gone away meanwhile.
             Event::Report(answer) => drop(answer.send(self.report())),
@@ -381,10 +392,10 @@ impl Engine {
     }
 
     fn update_compositor_views(&mut self) {
-        let revision = self.director.views_revision;
+        let revision = self.director.layout_revision;
         if let Some(compositor) = self.compositor.as_mut().filter(|c| c.views != revision) {
             compositor.views = revision;
-            compositor.outbox.send(encode(&ToCompositor::Views(self.director.views().to_vec()), &[]));
+            compositor.outbox.send(encode(&ToCompositor::Views(self.director.layout().to_vec()), &[]));
         }
     }
 
@@ -429,6 +440,9 @@ impl Engine {
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
             FromBoard::Ready { frame, epoch, report } => {
                 self.statistics.on_board_report(&report);
+                if let Some((_, at)) = self.sent.iter().find(|(sent, _)| *sent == frame) {
+                    self.ahead.on_drawn(now.since(*at));
+                }
                 self.chain.on_ready(now, key, epoch, report.drawing());
                 self.clock.on_ready(now, key, frame, epoch);
                 self.stream.on_ready(key, frame);
@@ -468,7 +482,7 @@ impl Engine {
         }
     }
 
-    fn on_pose(&mut self, packet: &PosePacket, from: SocketAddr, received: Time, freshness: Freshness) {
+    fn on_pose(&mut self, packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness) {
         match freshness {
             Freshness::Stale => self.statistics.dropped.stale_poses += 1,
             Freshness::Repeated => {
@@ -478,10 +492,18 @@ impl Engine {
                 }
             }
             Freshness::New => {
-                self.statistics.dropped.unknown_entities += self.director.on_pose(packet);
-                self.fresh = Some(Source { from, sequence: packet.sequence, answer: packet.answer, received });
+                let source = Source { from, sequence: packet.sequence, answer: packet.answer, received };
+                let now = if self.ahead.is_made() { self.ahead.hold((packet, source)) } else { Some((packet, source)) };
+                if let Some((packet, source)) = now {
+                    self.take_pose(&packet, source);
+                }
             }
         }
+    }
+
+    fn take_pose(&mut self, packet: &PosePacket, source: Source) {
+        self.statistics.dropped.unknown_entities += self.director.on_pose(packet);
+        self.fresh = Some(source);
     }
 
     /// Tells the host, if it wants to know, that its pose is on the screen. In lock-step that is once the compositor
@@ -608,6 +630,7 @@ impl Engine {
             boards: self.chain.len(),
             epochs: self.chain.epoch().0,
             divider: self.clock.divider(),
+            scale: self.clock.scale(),
             seconds: self.first_open.map_or(0.0, |first| self.now().since(first).as_secs_f64()),
             link_bytes: LinkBytes { to_boards, from_boards, ..LinkBytes::default() },
             scene_bytes: self.stream.catalogue().total(),

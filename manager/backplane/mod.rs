@@ -18,6 +18,7 @@
 //! | `statistics` | counts and times |
 //! | `console` | the page, its picture and the JSON statistics |
 
+mod ahead;
 mod calm;
 mod changes;
 #[cfg(feature = "console")]
@@ -70,6 +71,8 @@ pub struct Config {
     pub wait_for_boards: usize,
     /// Hold the first frame until a compositor is there.
     pub wait_for_compositor: bool,
+    /// When boards can't follow, how many of the picture's pixels, each way, one pixel drawn may stand for: a power of two; 1: resolution stays.
+    pub scale_max: u32,
     /// Bytes that each board may use for meshes and textures, however many it has.
     pub board_memory: u64,
     /// How links to boards and compositors are protected.

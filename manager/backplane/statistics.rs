@@ -158,6 +158,7 @@ pub(crate) struct Present {
     pub boards: usize,
     pub epochs: u64,
     pub divider: u32,
+    pub scale: u32,
     pub seconds: f64,
     pub link_bytes: LinkBytes,
     pub scene_bytes: u64,
@@ -202,6 +203,10 @@ pub struct Report {
     pub seconds: f64,
     /// How many nominal periods a frame takes at present.
     pub rate_divider: u32,
+    /// How many of the picture's pixels, each way, one pixel drawn stands for at present.
+    pub resolution_divider: u32,
+    /// Frames that were selected for while the one before was drawn.
+    pub frames_ahead: u64,
     /// From open to swap, ms.
     pub frame_ms: TimeSummary,
     /// From the host's packet to the swap, ms.
@@ -237,6 +242,7 @@ pub struct Report {
 pub(crate) struct Statistics {
     pub frames: u64,
     pub late_frames: u64,
+    pub frames_ahead: u64,
     pub repeated_views: u64,
     pub frame: Times,
     pub latency: Times,
@@ -289,7 +295,7 @@ impl Statistics {
     }
 
     pub(crate) fn report(&self, present: Present) -> Report {
-        let Present { time, views, boards, epochs, divider, seconds, link_bytes, scene_bytes, memory } = present;
+        let Present { time, views, boards, epochs, divider, scale, seconds, link_bytes, scene_bytes, memory } = present;
         let per_frame = |sum: u64| (sum as f64 / self.frames.max(1) as f64 * 10.0).round() / 10.0;
         Report {
             frames: self.frames,
@@ -301,6 +307,8 @@ impl Statistics {
             time_s: time.as_secs_f64(),
             seconds: (seconds * 1e3).round() / 1e3,
             rate_divider: divider,
+            resolution_divider: scale,
+            frames_ahead: self.frames_ahead,
             frame_ms: self.frame.summary(),
             latency_ms: self.latency.summary(),
             stage_ms: StageTimes {

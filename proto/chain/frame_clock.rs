@@ -112,6 +112,16 @@ impl FrameClock {
         self.rate.divider()
     }
 
+    /// How many of the picture's pixels, each way, one pixel drawn stands for at present.
+    pub fn scale(&self) -> u32 {
+        self.rate.scale()
+    }
+
+    /// Lets resolution fall to this part of the full one each way when boards can't follow at an eighth of the rate; a power of two.
+    pub fn allow_scale(&mut self, scale_max: u32) {
+        self.rate.allow_scale(scale_max);
+    }
+
     /// Whether a frame should open now. In lock-step only the shell knows whether a pose is there; it asks this as well.
     pub fn wants_open(&self, now: Time) -> bool {
         let free = self.open.is_none() && self.presenting.is_none();
@@ -132,6 +142,11 @@ impl FrameClock {
 
     fn deadline(&self, open: &Open) -> Time {
         if self.rate.divider() >= DIVIDER_MAX { open.opened + PATIENCE } else { self.next_tick }
+    }
+
+    /// Real time: when the next frame should open, and the period in force.
+    pub fn next_tick(&self) -> (Time, Duration) {
+        (self.next_tick, self.rate.period())
     }
 
     /// The shell opens the next frame under `wiring`; returns its number. In lock-step the same number opens again

@@ -1,9 +1,14 @@
-//! When boards can't follow, the frame rate halves for all views alike (chain.md, Shares); it returns when there is time again.
+//! When boards can't follow, the frame rate halves for all views alike, and later their resolution (chain.md, Shares); both return when there is
+//! time again.
 //!
-//! Deliberately slow to trust: three late frames (each late one counts, each timely one takes one back) halve the rate
-//! at once, but only half a second of timely frames that would also have met the doubled rate with a fifth to spare doubles it.
-//! A rise that doesn't last was wrong: the next one needs twice as much time, and so on, so that a load between two
-//! rates doesn't make the rate go up and down.
+//! What is given up, step by step: the rate down to an eighth, then resolution as far as the rig allows, then the rest of the rate.
+//! A picture of half the width and height costs a quarter, so it buys more than another halving of the rate, but it is the worse to
+//! look at as long as the rate isn't very low.
+//!
+//! Deliberately slow to trust: three late frames (each late one counts, each timely one takes one back) take a step
+//! at once, but only half a second of timely frames that would also have met what the step before asks for, with a fifth to spare, takes it back.
+//! A step back that doesn't last was wrong: the next one needs twice as much time, and so on, so that a load between two
+//! steps doesn't make the rate go up and down.
 
 use std::time::Duration;
 
@@ -19,12 +24,51 @@ const PROBATION_PERIODS: u32 = 120;
 const DOUBT_MAX: u32 = 16;
 /// The rate is never less than this part of the nominal one.
 pub(super) const DIVIDER_MAX: u32 = 32;
+/// Resolution is touched only when the rate is this part of the nominal one.
+const DIVIDER_BEFORE_SCALE: u32 = 8;
+
+/// What is given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Step {
+    /// Nominal periods that a frame takes.
+    divider: u32,
+    /// Pixels of the picture, each way, that one pixel drawn stands for.
+    scale: u32,
+}
+
+impl Step {
+    /// The step after, as long as there is one.
+    fn further(self, scale_max: u32) -> Option<Self> {
+        let Self { divider, scale } = self;
+        if divider < DIVIDER_BEFORE_SCALE {
+            Some(Self { divider: divider * 2, scale })
+        } else if scale < scale_max {
+            Some(Self { divider, scale: scale * 2 })
+        } else {
+            (divider < DIVIDER_MAX).then_some(Self { divider: divider * 2, scale })
+        }
+    }
+
+    /// The step before, and how many times a frame's part of its period grows by it.
+    fn back(self) -> Option<(Self, u32)> {
+        let Self { divider, scale } = self;
+        if divider > DIVIDER_BEFORE_SCALE {
+            Some((Self { divider: divider / 2, scale }, 2))
+        } else if scale > 1 {
+            Some((Self { divider, scale: scale / 2 }, 4))
+        } else {
+            (divider > 1).then_some((Self { divider: divider / 2, scale }, 2))
+        }
+    }
+}
 
 /// See the module's head.
 #[derive(Clone, Debug)]
 pub struct RateControl {
     period: Duration,
-    divider: u32,
+    step: Step,
+    /// Resolution is never given up further.
+    scale_max: u32,
     late: u32,
     calm: u32,
     /// How many times as long as usual calm must last.
@@ -34,46 +78,61 @@ pub struct RateControl {
 }
 
 impl RateControl {
-    /// Nominal period of a frame.
+    /// Nominal period of a frame; full resolution always.
     pub fn new(period: Duration) -> Self {
-        Self { period, divider: 1, late: 0, calm: 0, doubt: 1, risen: PROBATION_PERIODS }
+        let step = Step { divider: 1, scale: 1 };
+        Self { period, step, scale_max: 1, late: 0, calm: 0, doubt: 1, risen: PROBATION_PERIODS }
+    }
+
+    /// Lets resolution fall to this part of the full one each way, a power of two.
+    pub fn allow_scale(&mut self, scale_max: u32) {
+        self.scale_max = scale_max;
     }
 
     /// The period in force.
     pub fn period(&self) -> Duration {
-        self.period * self.divider
+        self.period * self.step.divider
     }
 
     /// How many nominal periods a frame takes: a power of two.
     pub fn divider(&self) -> u32 {
-        self.divider
+        self.step.divider
+    }
+
+    /// How many of the picture's pixels, each way, one pixel drawn stands for: a power of two.
+    pub fn scale(&self) -> u32 {
+        self.step.scale
     }
 
     /// A frame was complete after `took`.
     pub fn on_timely(&mut self, took: Duration) {
         self.late = self.late.saturating_sub(1);
-        self.step();
-        if self.divider > 1 && took * 5 < self.period() * 2 {
-            self.calm += 1;
-            if self.calm >= (CALM_PERIODS / self.divider).max(CALM_FRAMES_MIN) * self.doubt {
-                self.calm = 0;
-                self.divider /= 2;
-                self.risen = 0;
+        self.pass();
+        match self.step.back() {
+            // A fifth to spare.
+            Some((back, growth)) if took * growth * 5 < self.period() * 4 => {
+                self.calm += 1;
+                if self.calm >= (CALM_PERIODS / self.step.divider).max(CALM_FRAMES_MIN) * self.doubt {
+                    self.calm = 0;
+                    self.step = back;
+                    self.risen = 0;
+                }
             }
-        } else {
-            self.calm = 0;
+            _ => self.calm = 0,
         }
     }
 
     /// A frame was not complete when it was due.
     pub fn on_late(&mut self) {
         self.calm = 0;
-        self.step();
+        self.pass();
         // Bounded, or the lowest rate's late frames would weigh on the recovery.
         self.late = (self.late + 1).min(LATE_LIMIT);
-        if self.late >= LATE_LIMIT && self.divider < DIVIDER_MAX {
+        if self.late >= LATE_LIMIT
+            && let Some(further) = self.step.further(self.scale_max)
+        {
             self.late = 0;
-            self.divider *= 2;
+            self.step = further;
             if self.risen < PROBATION_PERIODS {
                 self.doubt = (self.doubt * 2).min(DOUBT_MAX);
             }
@@ -82,9 +141,9 @@ impl RateControl {
         }
     }
 
-    fn step(&mut self) {
+    fn pass(&mut self) {
         if self.risen < PROBATION_PERIODS {
-            self.risen += self.divider;
+            self.risen += self.step.divider;
             if self.risen >= PROBATION_PERIODS {
                 self.doubt = 1;
             }
@@ -109,6 +168,42 @@ mod tests {
         assert_eq!(settle(Duration::from_millis(10)).divider(), 1);
         assert_eq!(settle(Duration::from_millis(20)).divider(), 2);
         assert_eq!(settle(Duration::from_millis(100)).divider(), 8);
+    }
+
+    /// A load by pixels: what it costs falls with the square of the resolution.
+    #[test]
+    fn resolution_is_given_up_after_the_rate_and_returns_before_it() {
+        let mut rate = RateControl::new(Duration::from_millis(16));
+        rate.allow_scale(4);
+        let mut steps = vec![(1, 1)];
+        // Heavier and heavier, then lighter and lighter.
+        for full_ms in (1..=60).map(|k| k * 50).chain((1..=60).rev().map(|k| k * 50)).chain([4]) {
+            for _ in 0..400 {
+                let took = Duration::from_millis(full_ms) / (rate.scale() * rate.scale());
+                if took < rate.period() {
+                    rate.on_timely(took);
+                } else {
+                    rate.on_late();
+                }
+                if steps.last() != Some(&(rate.divider(), rate.scale())) {
+                    steps.push((rate.divider(), rate.scale()));
+                }
+            }
+        }
+        let down = [(1, 1), (2, 1), (4, 1), (8, 1), (8, 2), (8, 4), (16, 4)];
+        let up = down.iter().rev().skip(1);
+        let expected: Vec<_> = down.iter().chain(up).copied().collect();
+        steps.dedup();
+        assert_eq!(steps, expected);
+    }
+
+    #[test]
+    fn without_leave_resolution_stays() {
+        let mut rate = RateControl::new(Duration::from_millis(16));
+        for _ in 0..1000 {
+            rate.on_late();
+        }
+        assert_eq!((rate.divider(), rate.scale()), (DIVIDER_MAX, 1));
     }
 
     #[test]

@@ -20,6 +20,7 @@ const LOCK_STEP_PERIOD: Duration = Duration::from_nanos(16_666_667);
 impl Engine {
     /// Brings the selection, and what is known of it, up to date.
     pub(super) fn refresh(&mut self, now: Time) {
+        self.director.set_scale(self.clock.scale());
         let counts = self.director.select();
         if let Some(counts) = &counts {
             self.culled = counts.iter().map(|counts| counts.subobjects_culled).sum();
@@ -27,6 +28,33 @@ impl Engine {
         let frame = u32::try_from(self.clock.next_frame().0).unwrap_or(u32::MAX);
         let at = if self.is_lock_step() { Time(0) + LOCK_STEP_PERIOD * frame } else { now };
         self.stream.on_selected(&mut self.director, counts.is_some(), at);
+    }
+
+    /// When the next frame's selection should begin, if it is to be made while boards draw.
+    pub(super) fn ahead_due(&self) -> Option<Time> {
+        self.clock.open_frame().filter(|_| !self.is_lock_step())?;
+        self.ahead.due(self.clock.next_tick().0)
+    }
+
+    pub(super) fn select_ahead_if_due(&mut self) {
+        let now = self.now();
+        if self.ahead_due().is_some_and(|due| due <= now) {
+            let before = Instant::now();
+            self.refresh(now);
+            self.selecting = before.elapsed();
+            self.ahead.on_made();
+            self.statistics.frames_ahead += 1;
+        }
+    }
+
+    /// What was selected has been sent, or need not be: the next frame may show what has come since.
+    fn on_sent(&mut self, frame: FrameNumber, selecting: Duration) {
+        let selected = std::mem::take(&mut self.selecting) + selecting;
+        let held = self.ahead.on_sent(selected, self.clock.next_tick().1);
+        self.sent = [self.sent[1], (frame, self.now())];
+        for (packet, source) in held {
+            self.take_pose(&packet, source);
+        }
     }
 
     pub(super) fn open_if_due(&mut self) {
@@ -62,14 +90,15 @@ impl Engine {
         }
         self.count_substituted(next, substituted);
         if !self.is_lock_step() && !is_picture_due && self.calm.is_idle(now, &shown) {
-            self.clock.on_idle(now);
+            let frame = self.clock.on_idle(now);
             self.statistics.frames += 1;
             self.statistics.skipped.frames_idle += 1;
             self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
             self.answer();
+            self.on_sent(frame, selecting);
         } else {
             self.calm.on_open(now, shown);
-            self.statistics.select.add(selecting);
+            self.statistics.select.add(self.selecting + selecting);
             self.statistics.skipped.culled += self.culled;
             let frame = self.clock.on_open(now, &wiring);
             // A member that is gone already says nothing any more.
@@ -82,7 +111,9 @@ impl Engine {
             self.tell_record(frame);
             let before_stream = Instant::now();
             self.send_frame(frame, &wiring);
-            self.statistics.stream.add(before_stream.elapsed());
+            let streaming = before_stream.elapsed();
+            self.statistics.stream.add(streaming);
+            self.on_sent(frame, selecting + streaming);
         }
         self.feed_all();
     }
