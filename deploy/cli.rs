@@ -640,7 +640,7 @@ pub(crate) struct FleetArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama bench chain --json\n  cyclorama bench chain --kills 10 --silent 5 --leaves 5 --stalls 5 --restarts 1"
+    after_help = "Examples:\n  cyclorama bench chain --json\n  cyclorama bench chain --kills 10 --silent 5 --leaves 5 --stalls 5 --restarts 1\n  cyclorama bench chain --flight 600"
 )]
 pub(crate) struct ChainArgs {
     #[command(flatten)]
@@ -660,6 +660,13 @@ pub(crate) struct ChainArgs {
     /// How often the manager is killed and started again
     #[arg(long, default_value = "5", value_name = "N")]
     pub restarts: usize,
+    /// Instead of all that, fly for so long, s, with boards killed, stopped, cut off, asked to leave and added, and compare every view that is shown
+    /// with an undisturbed flight's
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub flight: Option<f64>,
+    /// How often something is done in such a flight, s
+    #[arg(long, default_value = "5", value_name = "S", value_parser = positive)]
+    pub every: f64,
     /// Which boards, and when, follows from this number
     #[arg(long, default_value = "1", value_name = "N")]
     pub seed: u64,

@@ -1,5 +1,6 @@
 //! `cyclorama bench chain`: a flying rig whose boards are killed, stopped, asked to leave and replaced, at random.
 
+use super::disturbed::disturbed;
 use super::fleet::{self, Fleet, Look, Plan, said};
 use crate::cli::ChainArgs;
 use crate::error::CommandError;
@@ -36,6 +37,9 @@ impl Times {
 
 /// Runs the command.
 pub(crate) fn chain(args: &ChainArgs) -> Result<(), CommandError> {
+    if let Some(seconds) = args.flight {
+        return disturbed(args, seconds);
+    }
     let folder = tempfile::tempdir().map_err(said)?;
     let camera = fleet::camera(&args.fleet, folder.path())?;
     let plan = Plan::new(&args.fleet, &camera);
@@ -73,10 +77,10 @@ pub(crate) fn chain(args: &ChainArgs) -> Result<(), CommandError> {
 }
 
 /// Steele, Lea and Flood's `SplitMix64`: enough to pick boards and moments.
-struct Random(u64);
+pub(super) struct Random(pub(super) u64);
 
 impl Random {
-    fn next(&mut self) -> u64 {
+    pub(super) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -7,6 +7,7 @@ use crate::cli::FleetArgs;
 use crate::error::CommandError;
 use crate::serve::ManagerLine;
 use crate::source;
+use ::bench::relay::Relay;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -29,13 +30,26 @@ pub(super) struct Plan<'a> {
     pub(super) boards: usize,
     pub(super) size: (u32, u32),
     pub(super) rate: f64,
+    /// Where the compositor writes what it shows.
+    pub(super) manifest: Option<&'a Path>,
+    /// Whether each board reaches the backplane through a relay that can be cut.
+    pub(super) relays: bool,
 }
 
 impl<'a> Plan<'a> {
     /// As the command line has it, along that camera path.
     pub(super) fn new(args: &'a FleetArgs, camera: &'a Path) -> Self {
         let FleetArgs { scene, views, boards, size, rate } = args;
-        Self { scene, camera, views: views.get(), boards: boards.get(), size: *size, rate: *rate }
+        Self {
+            scene,
+            camera,
+            views: views.get(),
+            boards: boards.get(),
+            size: *size,
+            rate: *rate,
+            manifest: None,
+            relays: false,
+        }
     }
 }
 
@@ -49,6 +63,7 @@ pub(super) fn camera(args: &FleetArgs, folder: &Path) -> Result<PathBuf, Command
 pub(super) struct Board {
     pub(super) name: String,
     child: Child,
+    relay: Option<Relay>,
 }
 
 /// The processes of a rig.
@@ -110,8 +125,11 @@ impl<'a> Fleet<'a> {
         let (manager, [backplane, pose, console]) = manager(&plan, [any(), any(), any()], true)?;
         let mut fleet =
             Self { plan, manager, others: Vec::new(), boards: Vec::new(), backplane, pose, console, named: 0 };
-        let compositor = own(&["compositor", "--backplane", &fleet.backplane.to_string()])?.spawn().map_err(said)?;
-        fleet.others.push(compositor);
+        let mut compositor = own(&["compositor", "--backplane", &fleet.backplane.to_string()])?;
+        if let Some(manifest) = fleet.plan.manifest {
+            compositor.arg("--manifest").arg(manifest);
+        }
+        fleet.others.push(compositor.spawn().map_err(said)?);
         let size = format!("{}x{}", fleet.plan.size.0, fleet.plan.size.1);
         let rate = fleet.plan.rate.to_string();
         let mut host = own(&["host", "play"])?;
@@ -139,12 +157,13 @@ impl<'a> Fleet<'a> {
     pub(super) fn add(&mut self) -> Result<(), CommandError> {
         let name = format!("b{}", self.named);
         self.named += 1;
-        let backplane = self.backplane.to_string();
+        let relay = self.plan.relays.then(|| Relay::to(self.backplane)).transpose().map_err(said)?;
+        let backplane = relay.as_ref().map_or(self.backplane, |relay| relay.address).to_string();
         let mut board = own(&["channel", "--backplane", &backplane, "--name", &name, "--threads", "1"])?;
         board.args(["--memory-limit", "2048"]);
         // It stays when the manager goes, and ends with its stdin all the same.
         let child = board.spawn().map_err(said)?;
-        self.boards.push(Board { name, child });
+        self.boards.push(Board { name, child, relay });
         Ok(())
     }
 
@@ -154,6 +173,36 @@ impl<'a> Fleet<'a> {
         let now = Instant::now();
         kill_process(pid.ok_or_else(|| said("a board has no process number"))?, signal).map_err(said)?;
         Ok(now)
+    }
+
+    /// Cuts a board off from the backplane, so that neither hears of it, or mends that; if it has a relay.
+    pub(super) fn cut(&self, board: usize, is_cut: bool) {
+        if let Some(relay) = &self.boards[board].relay {
+            if is_cut { relay.silence() } else { relay.mend() }
+        }
+    }
+
+    /// The manager's open files, and its resident memory, MiB.
+    pub(super) fn manager_size(&self) -> Result<(usize, f64), CommandError> {
+        let folder = PathBuf::from(format!("/proc/{}", self.manager.id()));
+        let files = std::fs::read_dir(folder.join("fd")).map_err(said)?.count();
+        let status = std::fs::read_to_string(folder.join("status")).map_err(said)?;
+        let resident = status
+            .lines()
+            .find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse::<f64>().ok());
+        Ok((files, resident.ok_or_else(|| said("the manager's memory is not known"))? / 1024.0))
+    }
+
+    /// How many processes are children of this one, and how many of them the rig has started and not ended.
+    pub(super) fn processes(&self) -> Result<[usize; 2], CommandError> {
+        let own = std::process::id().to_string();
+        let is_child = |entry: std::fs::DirEntry| {
+            let status = std::fs::read_to_string(entry.path().join("status")).ok()?;
+            status.lines().find_map(|line| line.strip_prefix("PPid:").map(|parent| parent.trim() == own))
+        };
+        let entries = std::fs::read_dir("/proc").map_err(said)?;
+        let children = entries.filter_map(Result::ok).filter_map(is_child).filter(|is_child| *is_child).count();
+        Ok([children, 1 + self.others.len() + self.boards.len()])
     }
 
     /// Takes a board out of the list; its process is killed if it still runs.
@@ -249,7 +298,8 @@ fn manager(plan: &Plan<'_>, at: [SocketAddr; 3], waits: bool) -> Result<(Child, 
     let mut command = own(&["manager", "--listen", &backplane, "--pose-listen", &pose, "--console", &console])?;
     command.args(["--scene", plan.scene, "--camera"]).arg(plan.camera).args(["--views", &plan.views.to_string()]);
     command.args(["--size", &format!("{}x{}", plan.size.0, plan.size.1), "--samples", "1"]);
-    command.args(["--rate", &plan.rate.to_string()]);
+    // What is measured is the rig as it was asked for.
+    command.args(["--rate", &plan.rate.to_string(), "--lowest-resolution", "1"]);
     if waits {
         command.args(["--wait-for-boards", &plan.boards.to_string(), "--wait-for-compositor"]);
     }
@@ -270,8 +320,13 @@ fn manager(plan: &Plan<'_>, at: [SocketAddr; 3], waits: bool) -> Result<(Child, 
     }
 }
 
+/// This program.
+pub(super) fn program() -> Result<Command, CommandError> {
+    std::env::current_exe().map(Command::new).map_err(said)
+}
+
 fn own(args: &[&str]) -> Result<Command, CommandError> {
-    let mut command = Command::new(std::env::current_exe().map_err(said)?);
+    let mut command = program()?;
     command.args(args).arg("--supervised").stdin(Stdio::piped()).stdout(Stdio::null());
     if std::env::var_os("CYCLORAMA_LOG").is_none() {
         command.env("CYCLORAMA_LOG", "error");

@@ -6,10 +6,12 @@
 pub mod chain;
 pub mod chart;
 mod date;
+pub mod disturbed;
 pub mod latency;
 pub mod lists;
 pub mod memory;
 pub mod pixels;
+pub mod relay;
 pub mod wire;
 
 use serde::Serialize;

@@ -1,7 +1,7 @@
 //! Cut links, in real processes: chain.md's rows *partition from the backplane* and *cut link between two boards*.
 
 use crate::program::{Daemon, daemon, free_address, stats, wait_for};
-use crate::relay::Relay;
+use bench::relay::Relay;
 use serde_json::Value;
 use std::net::SocketAddr;
 
@@ -42,7 +42,7 @@ fn count(stats: &Value, event: &str, about: &str) -> usize {
 #[test]
 fn a_board_that_is_cut_off_from_the_backplane_is_missed_and_comes_back_by_itself() {
     let rig = Rig::new();
-    let relay = Relay::to(rig.backplane);
+    let relay = Relay::to(rig.backplane).unwrap();
     let _near = board("near", rig.backplane, &[]);
     let _far = board("far", relay.address, &[]);
     let before = rig.wait("two boards", |stats| stats["boards"] == 2);
@@ -65,7 +65,7 @@ fn boards_whose_link_is_cut_are_kept_apart_in_the_row() {
         .enumerate()
         .map(|(before, name)| {
             let listen = free_address();
-            let relay = Relay::to(listen);
+            let relay = Relay::to(listen).unwrap();
             let (listen, advertise) = (listen.to_string(), relay.address.to_string());
             let process = board(name, rig.backplane, &["--listen", &listen, "--advertise", &advertise]);
             rig.wait("another board", |stats| stats["boards"] == before + 1 && stats["epochs"].as_u64() > Some(0));

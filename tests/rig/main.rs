@@ -20,7 +20,6 @@ mod lights;
 mod pictures;
 mod place;
 mod program;
-mod relay;
 mod still;
 mod streaming;
 mod transition;

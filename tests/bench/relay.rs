@@ -1,4 +1,4 @@
-//! A relay of our own between two processes, that can be cut: what a pulled cable does to them.
+//! A relay between two processes that can be cut: what a pulled cable does to them.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -13,16 +13,21 @@ const SILENT: u8 = 1;
 const BROKEN: u8 = 2;
 
 /// Passes on what comes to `address`, until dropped.
-pub(crate) struct Relay {
-    pub(crate) address: SocketAddr,
+#[derive(Debug)]
+pub struct Relay {
+    /// Where it listens, on loopback.
+    pub address: SocketAddr,
     state: Arc<AtomicU8>,
 }
 
 impl Relay {
     /// To another address.
-    pub(crate) fn to(to: SocketAddr) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
+    ///
+    /// # Errors
+    /// If there is no port to listen at.
+    pub fn to(to: SocketAddr) -> std::io::Result<Self> {
+        let listener = TcpListener::bind("127.0.0.1:0")?;
+        let address = listener.local_addr()?;
         let state = Arc::new(AtomicU8::new(WHOLE));
         let shared = state.clone();
         std::thread::spawn(move || {
@@ -37,21 +42,21 @@ impl Relay {
                 }
             }
         });
-        Self { address, state }
+        Ok(Self { address, state })
     }
 
     /// From now on nothing passes; links stay open.
-    pub(crate) fn silence(&self) {
+    pub fn silence(&self) {
         self.state.store(SILENT, Ordering::SeqCst);
     }
 
     /// From now on links close.
-    pub(crate) fn break_links(&self) {
+    pub fn break_links(&self) {
         self.state.store(BROKEN, Ordering::SeqCst);
     }
 
     /// All passes again, what was held up too.
-    pub(crate) fn mend(&self) {
+    pub fn mend(&self) {
         self.state.store(WHOLE, Ordering::SeqCst);
     }
 }

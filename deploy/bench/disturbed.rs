@@ -1,0 +1,196 @@
+//! `cyclorama bench chain --flight`: a long flight with a random board killed, stopped, cut off, asked to leave or added every few seconds, whose every view is
+//! compared with an undisturbed flight's.
+
+use super::chain::Random;
+use super::fleet::{self, Fleet, Look, Plan, said};
+use crate::cli::ChainArgs;
+use crate::error::CommandError;
+use crate::output::{note, say};
+use ::bench::Report;
+use ::bench::disturbed::{Row, Undisturbed, figures, table};
+use manager::host::camera::CameraFile;
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How long a board is silent or cut off: long enough to be put out.
+const ABSENCE: Duration = Duration::from_secs(1);
+/// What is lost so long after it was touched, is lost for another reason.
+const CONSEQUENCES: Duration = Duration::from_secs(4);
+/// Boards that fly besides those that were asked for, at most.
+const EXTRA: usize = 2;
+
+/// What is done to a board.
+const DEEDS: [Deed; 5] = [Deed::Kill, Deed::Stop, Deed::Cut, Deed::Add, Deed::Leave];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Deed {
+    Kill,
+    Stop,
+    Cut,
+    Add,
+    Leave,
+}
+
+impl Deed {
+    fn done(self) -> &'static str {
+        match self {
+            Self::Kill => "killed",
+            Self::Stop => "stopped",
+            Self::Cut => "cut off",
+            Self::Add => "added",
+            Self::Leave => "asked to leave",
+        }
+    }
+}
+
+/// Runs the command; `seconds` long.
+pub(super) fn disturbed(args: &ChainArgs, seconds: f64) -> Result<(), CommandError> {
+    let folder = tempfile::tempdir().map_err(said)?;
+    let camera = fleet::camera(&args.fleet, folder.path())?;
+    let (reference, flown) = (folder.path().join("undisturbed.jsonl"), folder.path().join("disturbed.jsonl"));
+    note("the undisturbed flight …");
+    let undisturbed = undisturbed(args, &camera, &reference)?;
+    note(&format!(
+        "seed {}; {} poses; {seconds:.0} s, something is done every {:.0} s …",
+        args.seed,
+        undisturbed.len(),
+        args.every
+    ));
+    let plan = Plan { manifest: Some(&flown), relays: true, ..Plan::new(&args.fleet, &camera) };
+    let mut flight =
+        Flight { fleet: Fleet::start(plan)?, random: Random(args.seed), touched: BTreeMap::new(), counts: [0; 5] };
+    let mut row = flight.fly(args, seconds)?;
+    drop(flight);
+    let manifest = File::open(&flown).map_err(|error| CommandError::file(&flown, error))?;
+    row.compared = undisturbed.compare(BufReader::new(manifest)).map_err(said)?;
+    let (shown, figures) = (table(&row), figures(&row));
+    if args.json {
+        say(&serde_json::to_string(&Report::new("chain", vec![row], figures)).map_err(said)?);
+    } else {
+        say(shown.trim_end());
+        figures.iter().for_each(|figure| say(&figure.to_string()));
+    }
+    Ok(())
+}
+
+/// Every pose of the path in lock-step, by a rig of the same views.
+fn undisturbed(args: &ChainArgs, camera: &Path, manifest: &Path) -> Result<Undisturbed, CommandError> {
+    let poses = CameraFile::read(camera)?.poses.len();
+    let mut rig = fleet::program()?;
+    rig.args(["rig", &args.fleet.scene, "--camera"]).arg(camera).arg("--manifest").arg(manifest);
+    let size = format!("{}x{}", args.fleet.size.0, args.fleet.size.1);
+    rig.args(["--size", &size, "--samples", "1", "--views", &args.fleet.views.to_string()]);
+    rig.args(["--boards", "1", "--frames", &poses.to_string()]);
+    let output = rig.output().map_err(said)?;
+    if !output.status.success() {
+        return Err(said(format!(
+            "the undisturbed flight failed: {}",
+            String::from_utf8_lossy(&output.stderr).trim_end()
+        )));
+    }
+    let file = File::open(manifest).map_err(|error| CommandError::file(manifest, error))?;
+    Undisturbed::read(BufReader::new(file)).map_err(said)
+}
+
+struct Flight<'a> {
+    fleet: Fleet<'a>,
+    random: Random,
+    /// When something was last done to the board of that name.
+    touched: BTreeMap<String, Instant>,
+    counts: [usize; 5],
+}
+
+impl Flight<'_> {
+    fn fly(&mut self, args: &ChainArgs, seconds: f64) -> Result<Row, CommandError> {
+        let before = self.fleet.manager_size()?;
+        let (started, length) = (Instant::now(), Duration::from_secs_f64(seconds));
+        let every = Duration::from_secs_f64(args.every);
+        let (mut looked, mut expelled, mut next) = (started, 0, started + every);
+        while started.elapsed() < length {
+            std::thread::sleep(next.saturating_duration_since(Instant::now()));
+            next += every;
+            self.disturb(args.fleet.boards.get())?;
+            let now = Instant::now();
+            let look = self.fleet.look()?;
+            expelled += self.expelled(&look, looked);
+            looked = now;
+            if self.counts.iter().sum::<usize>() % 12 == 0 {
+                note(&format!("{:.0} of {seconds:.0} s", started.elapsed().as_secs_f64()));
+            }
+        }
+        // What comes back by itself has time to.
+        std::thread::sleep(CONSEQUENCES);
+        let look = self.fleet.look()?;
+        expelled += self.expelled(&look, looked);
+        let after = self.fleet.manager_size()?;
+        Ok(Row {
+            seconds: started.elapsed().as_secs_f64(),
+            swapped: look.count("/frames"),
+            deeds: DEEDS.iter().zip(self.counts).map(|(deed, count)| (deed.done().to_owned(), count)).collect(),
+            compared: ::bench::disturbed::Compared::default(),
+            substituted: look.count("/streaming/frames_substituted"),
+            expelled,
+            processes: self.fleet.processes()?,
+            files: [before.0, after.0],
+            memory_mib: [before.1, after.1],
+        })
+    }
+
+    /// Does something to a random board.
+    fn disturb(&mut self, boards: usize) -> Result<(), CommandError> {
+        let count = self.fleet.boards.len();
+        let deed = match DEEDS[(self.random.next() % 5) as usize] {
+            Deed::Add if count >= boards + EXTRA => Deed::Leave,
+            Deed::Leave if count <= boards => Deed::Add,
+            other => other,
+        };
+        self.counts[DEEDS.iter().position(|other| *other == deed).unwrap_or(0)] += 1;
+        let board = (self.random.next() % count as u64) as usize;
+        let name = self.fleet.boards[board].name.clone();
+        if deed != Deed::Add {
+            self.touched.insert(name, Instant::now());
+        }
+        match deed {
+            Deed::Kill => {
+                self.fleet.signal(board, Signal::KILL)?;
+                std::thread::sleep(ABSENCE);
+                self.fleet.forget(board);
+                self.fleet.add()?;
+            }
+            Deed::Stop => {
+                self.fleet.signal(board, Signal::STOP)?;
+                std::thread::sleep(ABSENCE);
+                self.fleet.signal(board, Signal::CONT)?;
+            }
+            Deed::Cut => {
+                self.fleet.cut(board, true);
+                std::thread::sleep(ABSENCE);
+                self.fleet.cut(board, false);
+            }
+            Deed::Add => self.fleet.add()?,
+            Deed::Leave => {
+                self.fleet.signal(board, Signal::TERM)?;
+                std::thread::sleep(ABSENCE);
+                self.fleet.forget(board);
+            }
+        }
+        Ok(())
+    }
+
+    /// Boards that were lost or put out since then without having been touched.
+    fn expelled(&self, look: &Look, since: Instant) -> u64 {
+        let is_ours = |detail: &str, at: Instant| {
+            let name = detail.strip_prefix("board ").and_then(|rest| rest.split(' ').next()).unwrap_or_default();
+            self.touched.get(name).is_some_and(|touched| at < *touched + CONSEQUENCES)
+        };
+        let lost = look
+            .events_since(since)
+            .into_iter()
+            .filter(|event| (event.event == "lost" || event.event == "put out") && !is_ours(&event.detail, event.at));
+        lost.inspect(|event| note(&format!("untouched: {} {}", event.event, event.detail))).count() as u64
+    }
+}
