@@ -10,7 +10,7 @@
 
 mod bad_input;
 mod bake;
-mod cut;
+mod events;
 mod grid;
 mod hostile;
 mod impostor;

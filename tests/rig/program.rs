@@ -51,6 +51,13 @@ pub(crate) fn files(folder: &Path) -> std::collections::BTreeMap<String, Vec<u8>
 /// A daemon that is ended when dropped.
 pub(crate) struct Daemon(Child);
 
+impl Daemon {
+    /// Its process's number.
+    pub(crate) fn id(&self) -> u32 {
+        self.0.id()
+    }
+}
+
 impl Drop for Daemon {
     fn drop(&mut self) {
         let _ = self.0.kill();
