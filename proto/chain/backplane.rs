@@ -224,10 +224,15 @@ impl BackplaneChain {
     }
 
     /// A frame of the wiring in effect is over: these boards missed it, though they are connected. Their weight shrinks, and then
-    /// they are put out; but only if most of the wiring's boards were ready, for else the load is to blame.
+    /// they are put out; but only if most of the wiring's boards were ready, or half of them with much time to spare, for else the load is to blame.
     pub fn on_frame_over(&mut self, now: Time, missing: &[BoardKey]) {
         let Some(active) = &self.active else { return };
-        if missing.len() * 2 < active.members.len() {
+        let late = missing.len() * 2;
+        let are_others_at_ease = || {
+            let mut others = active.members.iter().zip(&active.weights).filter(|(key, _)| !missing.contains(key));
+            others.all(|(key, weight)| self.weights.is_at_ease(*key, *weight, self.period))
+        };
+        if late < active.members.len() || (late == active.members.len() && are_others_at_ease()) {
             for key in missing {
                 match self.weights.on_missed(*key) {
                     Verdict::Wait => {}

@@ -335,6 +335,37 @@ fn a_board_that_hangs_gets_less_and_is_then_put_out_but_not_when_all_are_late() 
 }
 
 #[test]
+fn of_two_boards_the_one_that_hangs_is_put_out_if_the_other_has_time_to_spare() {
+    for (cost_ms, is_put_out) in [(2, true), (14, false)] {
+        let mut world = World::new(10);
+        (1..=2).for_each(|key| world.join(key));
+        world.settle();
+        world.places(0);
+        world.backplane.set_period(Duration::from_millis(16));
+        let mut number = 0;
+        let mut frame = |world: &mut World, missing: &[u64]| {
+            for key in (1..=2).filter(|key| !missing.contains(key)) {
+                let epoch = world.backplane.active().unwrap().epoch;
+                world.backplane.on_ready(world.now, BoardKey(key), epoch, Duration::from_millis(cost_ms));
+            }
+            let missing: Vec<_> = missing.iter().map(|key| BoardKey(*key)).collect();
+            world.backplane.on_frame_over(world.now, &missing);
+            world.drain();
+            world.settle();
+            number += 1;
+            world.places(number);
+        };
+        (0..20).for_each(|_| frame(&mut world, &[]));
+        (0..20).for_each(|_| frame(&mut world, &[1, 2]));
+        assert!(world.put_out.is_empty(), "both were late");
+        (0..7).for_each(|_| frame(&mut world, &[2]));
+        assert!(world.put_out.is_empty());
+        (0..3).for_each(|_| frame(&mut world, &[2]));
+        assert_eq!(world.put_out, if is_put_out { vec![BoardKey(2)] } else { Vec::new() }, "{cost_ms} ms");
+    }
+}
+
+#[test]
 fn a_board_that_lies_about_its_place_is_put_out() {
     let mut world = World::new(6);
     world.join(1);

@@ -90,6 +90,15 @@ impl Weights {
         }
     }
 
+    /// Whether it is known that a board draws a part of that weight in a quarter of a period.
+    pub(super) fn is_at_ease(&self, key: BoardKey, weight: u32, period: Duration) -> bool {
+        let known = self.boards.get(&key).filter(|measured| measured.frames >= FRAMES_MIN);
+        known.is_some_and(|measured| {
+            let cost = u128::from(measured.cost) * u128::from(weight) / u128::from(FRACTION);
+            cost * 4 <= period.as_nanos()
+        })
+    }
+
     /// A board is gone.
     pub(super) fn forget(&mut self, key: BoardKey) {
         self.boards.remove(&key);
