@@ -193,6 +193,10 @@ pub(crate) struct RigArgs {
     /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
+    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
+    /// can read a command line
+    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub console_token: Option<String>,
     /// Print the statistics as one JSON object at the end
     #[arg(long)]
     pub json: bool,
@@ -256,6 +260,10 @@ pub(crate) struct ManagerArgs {
     /// Where the console is served (HTTP); `off` for none
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
+    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
+    /// can read a command line. Without it, a console beyond this machine is read-only
+    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub console_token: Option<String>,
     #[command(flatten)]
     pub trust: TrustArgs,
     /// Print the statistics as one JSON object at the end

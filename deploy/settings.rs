@@ -7,7 +7,7 @@ use crate::rig_file::{Air, RigFile, SamplesEntry, ViewEntry};
 use crate::source;
 use glam::{DQuat, DVec3};
 use link::{NodeRole, Trust};
-use manager::backplane::{Config, DefaultRow, Stage};
+use manager::backplane::{Config, DefaultRow, Stage, Token};
 use manager::host::camera::{CameraFile, FOV_DEFAULT_DEG};
 use manager::scene::Scene;
 use manager::select::DetailMode;
@@ -240,8 +240,15 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         listen,
         pose_listen,
         console_listen: console,
+        console_token: console_token(args, &file)?,
         progress: Arc::default(),
     })
+}
+
+/// What somebody must know to change anything at the console.
+fn console_token(args: &ManagerArgs, file: &RigFile) -> Result<Option<Token>, CommandError> {
+    let written = args.console_token.as_ref().or(file.console_token.as_ref());
+    written.map(|text| Token::new(text)).transpose().map_err(|error| CommandError::said(error.to_string()))
 }
 
 /// Most memory of each board that is used, bytes.

@@ -6,6 +6,8 @@
 #![deny(unsafe_code)]
 
 pub mod backplane;
+#[cfg(feature = "console")]
+mod console;
 pub mod host;
 pub mod scene;
 pub mod select;

@@ -16,25 +16,32 @@
 //! | `calm` | whether a frame would show anything new |
 //! | `content` | the scene as payloads |
 //! | `statistics` | counts and times |
-//! | `console` | the page, its picture and the JSON statistics |
+//! | `trace` | what the last frames did, and when |
+//! | `live` | what the console is told, and may ask for |
+//! | `desk` | where the console asks; itself it is the room beside this one |
+//! | `token` | what somebody must know to change anything there |
 
 mod calm;
 mod changes;
-#[cfg(feature = "console")]
-mod console;
 mod content;
+#[cfg(feature = "console")]
+pub(crate) mod desk;
 mod director;
 mod engine;
 mod links;
 mod lists;
+pub(crate) mod live;
 mod residency;
-mod statistics;
+pub(crate) mod statistics;
 mod stream;
+mod token;
+pub(crate) mod trace;
 
 pub use director::{DefaultRow, Stage};
 pub use statistics::{
     BoardMemory, Dropped, EventEntry, LinkBytes, Report, Skipped, StageTimes, Streaming, TimeSummary,
 };
+pub use token::{Token, TokenError};
 
 use crate::host::native::SequenceFilter;
 use content::Content;
@@ -80,6 +87,8 @@ pub struct Config {
     pub pose_listen: SocketAddr,
     /// Where the console is served (HTTP); `None`: nowhere.
     pub console_listen: Option<SocketAddr>,
+    /// What somebody must know to change anything there. `None`: nothing, on this machine; beyond it nobody changes anything.
+    pub console_token: Option<Token>,
     /// Counts frames as they are swapped, for whoever shows progress.
     pub progress: Arc<AtomicU64>,
 }
@@ -149,6 +158,8 @@ pub async fn run(
         console: console.as_ref().and_then(|listener| listener.local_addr().ok()),
     };
 
+    #[cfg(feature = "console")]
+    let console_token = config.console_token;
     let content = Arc::new(Content::of(config.stage.scene.clone()));
     let catalogue = Catalogue::of(&config.stage.scene)?;
     let traffic = Arc::new(Traffic::default());
@@ -167,9 +178,13 @@ pub async fn run(
     tasks.spawn(links::listen(listener, facts.clone(), content, traffic));
     tasks.spawn(receive_poses(poses, facts.clone(), started));
     #[cfg(feature = "console")]
-    if let Some(listener) = console {
-        tasks.spawn(console::serve(listener, facts.clone()));
-    }
+    let _console = match console {
+        Some(listener) => {
+            let desk = desk::Desk::new(facts.clone());
+            Some(crate::console::Console::start(listener, console_token, desk).map_err(ManagerError::Thread)?)
+        }
+        None => None,
+    };
     listening(addresses);
 
     let mut end = std::pin::pin!(end);

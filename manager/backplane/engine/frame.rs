@@ -55,7 +55,9 @@ impl Engine {
         self.first_open.get_or_insert(now);
         self.format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
         let shown = self.shown_by(&wiring);
-        let is_picture_due = self.is_picture_wanted(now) && self.last_swap.as_ref().is_none_or(|swap| !swap.preview);
+        let is_picture_wanted = self.is_picture_wanted(now) || self.control.is_paused();
+        let is_picture_due = is_picture_wanted && self.last_swap.as_ref().is_none_or(|swap| !swap.preview);
+        self.control.on_open();
         let source = self.fresh.take();
         if source.is_some() {
             self.shown = source;
@@ -63,6 +65,7 @@ impl Engine {
         self.count_substituted(next, substituted);
         if !self.is_lock_step() && !is_picture_due && self.calm.is_idle(now, &shown) {
             self.clock.on_idle(now);
+            self.control.shown = Some(now);
             self.statistics.frames += 1;
             self.statistics.skipped.frames_idle += 1;
             self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
@@ -72,6 +75,7 @@ impl Engine {
             self.statistics.select.add(selecting);
             self.statistics.skipped.culled += self.culled;
             let frame = self.clock.on_open(now, &wiring);
+            self.traces.on_open(frame, source.map(|source| source.received), now, selecting);
             // A member that is gone already says nothing any more.
             for key in &wiring.members {
                 if !self.boards.contains_key(key) {
@@ -82,7 +86,9 @@ impl Engine {
             self.tell_record(frame);
             let before_stream = Instant::now();
             self.send_frame(frame, &wiring);
-            self.statistics.stream.add(before_stream.elapsed());
+            let streaming = before_stream.elapsed();
+            self.statistics.stream.add(streaming);
+            self.traces.on_sent(frame, streaming);
         }
         self.feed_all();
     }
