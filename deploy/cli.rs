@@ -23,8 +23,21 @@ pub(crate) struct Cli {
     /// What to log: error, warn, info, debug, trace, or a filter like `channel=debug`
     #[arg(long, global = true, env = "CYCLORAMA_LOG", value_name = "LEVEL")]
     pub log: Option<String>,
+    /// What the log is written as; json: an object a line, for collectors
+    #[arg(long, global = true, env = "CYCLORAMA_LOG_FORMAT", value_enum, default_value_t, value_name = "FORMAT")]
+    pub log_format: LogFormat,
     #[command(subcommand)]
     pub command: Option<Command>,
+}
+
+/// What the log is written as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// Lines for people
+    #[default]
+    Text,
+    /// JSON, an object a line
+    Json,
 }
 
 #[derive(Debug, Subcommand)]

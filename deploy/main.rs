@@ -23,7 +23,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    output::start_log(cli.log.as_deref(), cli.command.as_ref());
+    output::start_log(cli.log.as_deref(), cli.log_format, cli.command.as_ref());
     let result = match cli.command.unwrap_or_default() {
         Command::Rig(args) => rig::run(&args),
         Command::Manager(args) => serve::manager(&args),

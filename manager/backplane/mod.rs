@@ -17,6 +17,7 @@
 //! | `content` | the scene as payloads |
 //! | `statistics` | counts and times |
 //! | `trace` | what the last frames did, and when |
+//! | `spans` | the same as spans, for traces |
 //! | `live` | what the console is told, and may ask for |
 //! | `desk` | where the console asks; itself it is the room beside this one |
 //! | `token` | what somebody must know to change anything there |
@@ -32,6 +33,8 @@ mod links;
 mod lists;
 pub(crate) mod live;
 mod residency;
+#[cfg(feature = "console")]
+pub(crate) mod spans;
 pub(crate) mod statistics;
 mod stream;
 mod token;

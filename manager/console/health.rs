@@ -43,7 +43,7 @@ fn unavailable(silence: Silence) -> Answer {
 }
 
 /// What keeps pictures from being shown. A rig that somebody has paused is ready: who takes it away from him can't go on.
-fn missing(live: &Live) -> Option<String> {
+pub(super) fn missing(live: &Live) -> Option<String> {
     if live.row == 0 {
         return Some("no board is in the row".into());
     }

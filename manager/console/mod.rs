@@ -16,15 +16,19 @@
 //! | `owners` | which tile is whose |
 //! | `control` | what can be changed |
 //! | `health` | for whoever starts and restarts processes |
+//! | `metrics` | for Prometheus |
+//! | `trace` | the last frames, for Perfetto |
 
 mod access;
 mod control;
 mod health;
 mod history;
+mod metrics;
 mod observer;
 mod owners;
 mod pictures;
 mod state;
+mod trace;
 mod watch;
 
 use crate::backplane::Token;
@@ -118,10 +122,12 @@ fn router(room: Arc<Room>) -> Router {
     files
         .route("/health", get(health::health))
         .route("/ready", get(health::ready))
+        .route("/metrics", get(metrics::metrics))
         .route("/picture.jpg", get(picture))
         .route("/api/v1/stats", get(stats))
         .route("/api/v1/live", get(live))
         .route("/api/v1/owners", get(owners::owners))
+        .route("/api/v1/trace", get(trace::trace))
         .route("/api/v1/watch", get(watch::watch))
         .route("/api/v1/control", post(control::control))
         .with_state(room)

@@ -27,23 +27,30 @@ enum Doing {
 
 /// A board, as its place on the page shows it.
 #[derive(Clone, Debug, Serialize)]
-struct Board {
-    key: u64,
-    name: String,
+pub(super) struct Board {
+    pub(super) key: u64,
+    pub(super) name: String,
     /// Its place in the wiring in effect.
-    id: Option<usize>,
+    pub(super) id: Option<usize>,
     state: BoardState,
     why: String,
     /// How much of all views it draws, %.
-    share_percent: f64,
+    pub(super) share_percent: f64,
     /// Mean over the last second of what drawing took, ms.
     draw_ms: Option<f64>,
     /// Likewise with comparing and sending tiles.
-    frame_ms: Option<f64>,
+    pub(super) frame_ms: Option<f64>,
     /// What drawing takes of a frame's time, %.
-    load_percent: Option<f64>,
-    memory_limit_bytes: Option<u64>,
-    memory_held_bytes: Option<u64>,
+    pub(super) load_percent: Option<f64>,
+    pub(super) memory_limit_bytes: Option<u64>,
+    pub(super) memory_held_bytes: Option<u64>,
+}
+
+impl Board {
+    /// Whether its share was in the last swap.
+    pub(super) fn is_drawing(&self) -> bool {
+        self.state == BoardState::Drawing
+    }
 }
 
 /// A view's place in the stitched picture.
@@ -67,14 +74,14 @@ pub(super) struct State {
     rate_hz: Option<f64>,
     divider: u32,
     /// How long a frame may take; `None`: as long as it likes.
-    deadline_ms: Option<f64>,
+    pub(super) deadline_ms: Option<f64>,
     is_paused: bool,
     has_compositor: bool,
     epoch: u64,
     views_revision: u64,
     size: [u32; 2],
     views: Vec<View>,
-    boards: Vec<Board>,
+    pub(super) boards: Vec<Board>,
     /// The factor K of detail.
     display_factor: f64,
     models_in_transition: usize,

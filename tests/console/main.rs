@@ -10,6 +10,7 @@
 
 mod access;
 mod browser;
+mod observe;
 mod page;
 mod stream;
 

@@ -10,7 +10,7 @@ export const WAIT = ["wait", "#3c4854"];
 
 const SAMPLES = 240;
 /** Ends of the scale, ms: the next of these that holds everything, so that it seldom changes. */
-const SCALES = [5, 10, 20, 25, 40, 50, 100, 200, 250, 400, 500, 1000, 2000, 5000, 10000, 20000, 60000];
+const SCALES = [5, 10, 20, 25, 40, 50, 100, 200, 250, 400, 500, 600, 800, 1000, 2000, 5000, 10000, 20000, 60000];
 const MARGIN = { left: 58, right: 10, top: 10, bottom: 22 };
 
 export class Chart {
