@@ -206,8 +206,11 @@ async fn session(
                 }
             }
             // Of a picture far higher than wide it may be larger than the backplane takes; then the console does without.
-            Some((frame, jpeg)) = previews_made.recv() => if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX {
-                if let Err(error) = link::send(&mut backplane, &FromCompositor::Preview { frame }, &jpeg).await {
+            Some((frame, jpeg)) = previews_made.recv() => {
+                let preview = FromCompositor::Preview { frame };
+                if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX
+                    && let Err(error) = link::send(&mut backplane, &preview, &jpeg).await
+                {
                     return End::Lost(error);
                 }
             }

@@ -44,6 +44,7 @@ fn main() -> ExitCode {
         Command::Bench(BenchCommand::Wire(args)) => bench::wire(&args),
         Command::Bench(BenchCommand::Chain(args)) => bench::chain(&args),
         Command::Bench(BenchCommand::Latency(args)) => bench::latency(&args),
+        Command::Bench(BenchCommand::Console(args)) => bench::console(&args),
         Command::Bench(BenchCommand::Open(args)) => bench::open(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
     };

@@ -129,6 +129,9 @@ impl Rig {
             // Not by its command line, which everybody can read.
             manager.env("CYCLORAMA_CONSOLE_TOKEN", token);
         }
+        if let Some(url) = &args.otlp {
+            manager.args(["--otlp", url]);
+        }
         manager.args(air_flags(args));
         if let Some(frames) = frames {
             manager.args(["--frames", &frames.to_string()]);

@@ -241,6 +241,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         pose_listen,
         console_listen: console,
         console_token: console_token(args, &file)?,
+        otlp: otlp(args, &file)?,
         progress: Arc::default(),
     })
 }
@@ -249,6 +250,17 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
 fn console_token(args: &ManagerArgs, file: &RigFile) -> Result<Option<Token>, CommandError> {
     let written = args.console_token.as_ref().or(file.console_token.as_ref());
     written.map(|text| Token::new(text)).transpose().map_err(|error| CommandError::said(error.to_string()))
+}
+
+/// Where frames are sent as traces.
+fn otlp(args: &ManagerArgs, file: &RigFile) -> Result<Option<String>, CommandError> {
+    let url = args.otlp.clone().or(file.otlp.clone());
+    if url.is_some() && !cfg!(feature = "otlp") {
+        return Err(CommandError::said(
+            "this build sends no traces; build it with `--features otlp`, or leave --otlp away",
+        ));
+    }
+    Ok(url)
 }
 
 /// Most memory of each board that is used, bytes.

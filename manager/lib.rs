@@ -9,5 +9,7 @@ pub mod backplane;
 #[cfg(feature = "console")]
 mod console;
 pub mod host;
+#[cfg(feature = "otlp")]
+mod otlp;
 pub mod scene;
 pub mod select;

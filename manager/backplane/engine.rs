@@ -460,6 +460,7 @@ impl Engine {
             FromBoard::Ready { frame, epoch, report } => {
                 self.statistics.on_board_report(&report);
                 self.traces.on_ready(now, frame, key, &board.name, &report);
+                tracing::trace!(frame = frame.0, epoch = epoch.0, board = %board.name, ?report, "ready");
                 self.chain.on_ready(now, key, epoch, report.drawing());
                 self.clock.on_ready(now, key, frame, epoch);
                 self.stream.on_ready(key, frame);

@@ -92,6 +92,8 @@ pub struct Config {
     pub console_listen: Option<SocketAddr>,
     /// What somebody must know to change anything there. `None`: nothing, on this machine; beyond it nobody changes anything.
     pub console_token: Option<Token>,
+    /// Where frames are sent as traces (OTLP over HTTP); taken by builds with the feature `otlp` only.
+    pub otlp: Option<String>,
     /// Counts frames as they are swapped, for whoever shows progress.
     pub progress: Arc<AtomicU64>,
 }
@@ -130,6 +132,9 @@ pub enum ManagerError {
     /// A thread couldn't be started.
     #[error("cannot start the engine: {0}")]
     Thread(std::io::Error),
+    /// Traces can't be sent there.
+    #[error("--otlp {0}")]
+    Otlp(std::io::Error),
     /// The engine panicked: our own mistake.
     #[error("the engine ended unexpectedly; please report this with the log")]
     Engine,
@@ -163,6 +168,8 @@ pub async fn run(
 
     #[cfg(feature = "console")]
     let console_token = config.console_token;
+    #[cfg(feature = "otlp")]
+    let otlp = config.otlp.clone();
     let content = Arc::new(Content::of(config.stage.scene.clone()));
     let catalogue = Catalogue::of(&config.stage.scene)?;
     let traffic = Arc::new(Traffic::default());
@@ -188,6 +195,10 @@ pub async fn run(
         }
         None => None,
     };
+    #[cfg(feature = "otlp")]
+    if let Some(url) = otlp {
+        crate::otlp::start(&url, desk::Desk::new(facts.clone())).map_err(ManagerError::Otlp)?;
+    }
     listening(addresses);
 
     let mut end = std::pin::pin!(end);

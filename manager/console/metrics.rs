@@ -105,7 +105,7 @@ impl Writer<'_> {
 }
 
 fn histogram(encoder: &mut MetricEncoder<'_>, counts: &TimeCounts) -> fmt::Result {
-    let ends = BUCKETS_S.into_iter().chain([f64::MAX]);
+    let ends = BUCKETS_S.into_iter().chain([f64::INFINITY]);
     let buckets: Vec<(f64, u64)> = ends.zip(counts.buckets).collect();
     let all = counts.buckets.iter().sum();
     encoder.encode_histogram::<NoLabelSet>(counts.sum.as_secs_f64(), all, &buckets, None)

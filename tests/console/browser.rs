@@ -1,4 +1,4 @@
-//! A browser under remote control: the little of the DevTools protocol that these tests need. Messages are JSON over a WebSocket; what isn't an
+//! A browser under remote control: the little of the `DevTools` protocol that these tests need. Messages are JSON over a WebSocket; what isn't an
 //! answer is an event, and of those only errors are kept.
 
 use crate::program::{HANG, wait_for};

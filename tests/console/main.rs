@@ -1,4 +1,4 @@
-//! The console of flying rigs: in a real browser (Chromium, spoken to by its DevTools protocol), and as programs use it.
+//! The console of flying rigs: in a real browser (Chromium, spoken to by its `DevTools` protocol), and as programs use it.
 //!
 //! Where there is no Chromium the browser's tests say `SKIPPED` and pass. `CYCLORAMA_CHROMIUM` names one elsewhere. With `CYCLORAMA_SCREENSHOTS=docs`
 //! `pictures_for_the_docs` writes the pictures of docs/console.md.
@@ -11,6 +11,8 @@
 mod access;
 mod browser;
 mod observe;
+#[cfg(feature = "otlp")]
+mod otlp;
 mod page;
 mod stream;
 

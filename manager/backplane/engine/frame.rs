@@ -42,8 +42,9 @@ impl Engine {
         let Some(wiring) = self.chain.on_frame(now, next).cloned() else { return };
         // The boards must hear of the wiring before the first frame under it.
         self.drain();
+        let _frame = tracing::debug_span!("frame", frame = next.0, epoch = wiring.epoch.0).entered();
         let before_select = Instant::now();
-        self.refresh(now);
+        tracing::debug_span!("select").in_scope(|| self.refresh(now));
         let views = self.director.views().len();
         self.stream.on_wiring(Some(&wiring), self.boards.keys().copied(), views);
         let patience = if self.is_lock_step() { Patience::Whole } else { Patience::None };
@@ -85,7 +86,7 @@ impl Engine {
             self.update_compositor_views();
             self.tell_record(frame);
             let before_stream = Instant::now();
-            self.send_frame(frame, &wiring);
+            tracing::debug_span!("stream").in_scope(|| self.send_frame(frame, &wiring));
             let streaming = before_stream.elapsed();
             self.statistics.stream.add(streaming);
             self.traces.on_sent(frame, streaming);
