@@ -1,9 +1,10 @@
 //! The compositor: it stitches the tiles of all boards to the views, and the views to one picture.
 //!
-//! [`stitch`] is the pure part, [`sinks`] write what was stitched, [`manifest`] writes what it was, [`shell`] is the daemon.
+//! [`stitch`] is the pure part, [`sinks`] write what was stitched, [`manifest`] writes what it was, `preview` makes the console's pictures, [`shell`] is the daemon.
 #![forbid(unsafe_code)]
 
 pub mod manifest;
+mod preview;
 pub mod shell;
 pub mod sinks;
 pub mod stitch;

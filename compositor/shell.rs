@@ -5,12 +5,13 @@
 //! | main | stitcher, sinks, the link to the backplane | messages, tiles, shutdown |
 //! | listener | the listening socket | boards |
 //! | one per board | that board's link | tiles; its queue to main is short, so a board that is too fast is held back by TCP |
-//! | png, preview threads | their encoder | pictures |
+//! | png, preview threads | their encoder | pictures; of previews the newest |
 //!
 //! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again.
 
 use crate::manifest::Manifest;
-use crate::sinks::{FileKind, Files, Picture, SinkError, preview};
+use crate::preview::Previews;
+use crate::sinks::{FileKind, Files, Picture, SinkError};
 use crate::stitch::Stitcher;
 use ::link::{Arrival, Expected, Incoming, Listener, NodeRole, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
@@ -169,7 +170,11 @@ async fn session(
     };
     backoff.reset();
     tracing::info!(backplane = %config.backplane, "connected");
-    let (previews, mut previews_made) = mpsc::channel::<(proto::ids::FrameNumber, Vec<u8>)>(1);
+    let (made, mut previews_made) = mpsc::channel(1);
+    let previews = match Previews::start(made) {
+        Ok(previews) => previews,
+        Err(error) => return End::Lost(LinkError::Io(error)),
+    };
     loop {
         tokio::select! {
             message = link::receive::<ToCompositor>(&mut backplane) => match message {
@@ -200,8 +205,12 @@ async fn session(
                     return End::Lost(error);
                 }
             }
+            // Of a picture far higher than wide it may be larger than the backplane takes; then the console does without.
             Some((frame, jpeg)) = previews_made.recv() => {
-                if let Err(error) = link::send(&mut backplane, &FromCompositor::Preview { frame }, &jpeg).await {
+                let preview = FromCompositor::Preview { frame };
+                if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX
+                    && let Err(error) = link::send(&mut backplane, &preview, &jpeg).await
+                {
                     return End::Lost(error);
                 }
             }
@@ -214,34 +223,24 @@ async fn session(
             {
                 return End::Failed(error.into());
             }
-            if files.is_some() || shown.preview {
-                let (width, height) = stitcher.size();
-                let (format, pixels) = (stitcher.format(), stitcher.canvas().to_vec());
-                let picture = Arc::new(Picture { frame: shown.frame, width, height, format, pixels });
-                if let Some(files) = files
-                    && !files.write(picture.clone()).await
-                {
-                    return End::Sink;
-                }
-                if shown.preview
-                    && let Ok(permit) = previews.clone().try_reserve_owned()
-                {
-                    tokio::task::spawn_blocking(move || send_preview(permit, &picture));
-                }
+            let picture = || {
+                let ((width, height), format) = (stitcher.size(), stitcher.format());
+                Picture { frame: shown.frame, width, height, format, pixels: stitcher.canvas().to_vec() }
+            };
+            if let Some(files) = files
+                && !files.write(Arc::new(picture())).await
+            {
+                return End::Sink;
             }
             let presented = FromCompositor::Presented { frame: shown.frame, stitch_ns };
             if let Err(error) = link::send(&mut backplane, &presented, &[]).await {
                 return End::Lost(error);
             }
+            // Behind that word: no frame waits for a look.
+            if shown.preview {
+                previews.offer(picture());
+            }
         }
-    }
-}
-
-/// Makes a preview. Of a picture far higher than wide it may be larger than the backplane takes; then the console does without.
-fn send_preview(permit: mpsc::OwnedPermit<(proto::ids::FrameNumber, Vec<u8>)>, picture: &Picture) {
-    let jpeg = preview(picture);
-    if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX {
-        permit.send((picture.frame, jpeg));
     }
 }
 

@@ -1,8 +1,7 @@
-//! Where stitched pictures go: files of every frame, and the console's preview.
+//! Where stitched pictures go: files of every frame. (The console's are in `preview`.)
 //!
 //! Each sink has a thread of its own, because encoding takes longer than stitching. Files are never lost: their queue
-//! is short and the daemon waits for room, which in lock-step holds the rig back to the speed of the disk. A preview is
-//! only ever a look: when the encoder is busy the picture is skipped.
+//! is short and the daemon waits for room, which in lock-step holds the rig back to the speed of the disk.
 
 use image::codecs::openexr::OpenExrEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -18,9 +17,6 @@ use tokio::sync::mpsc;
 
 /// Pictures that may wait for the disk.
 const FILES_QUEUE: usize = 4;
-/// A preview is made no wider than this, pixels.
-const PREVIEW_WIDTH_MAX: u32 = 1920;
-const PREVIEW_QUALITY: u8 = 85;
 
 /// A stitched picture.
 #[derive(Clone, Debug)]
@@ -166,47 +162,6 @@ impl Files {
     }
 }
 
-/// A JPEG of the picture for the console, at most 1920 pixels wide (whole-number box reduction).
-pub fn preview(picture: &Picture) -> Vec<u8> {
-    let step = picture.width.div_ceil(PREVIEW_WIDTH_MAX).max(1);
-    let (width, height) = (picture.width / step, picture.height / step);
-    let mut small = Vec::with_capacity(width as usize * height as usize * 3);
-    for y in 0..height {
-        for x in 0..width {
-            for channel in 0..3 {
-                let sum: u32 = (0..step * step)
-                    .map(|k| u32::from(shown(picture, x * step + k % step, y * step + k / step, channel)))
-                    .sum();
-                small.push((sum / (step * step)) as u8);
-            }
-        }
-    }
-    let mut jpeg = Vec::new();
-    let encoder = jpeg_encoder::Encoder::new(&mut jpeg, PREVIEW_QUALITY);
-    let (Ok(w), Ok(h)) = (u16::try_from(width), u16::try_from(height)) else { return Vec::new() };
-    match encoder.encode(&small, w, h, jpeg_encoder::ColorType::Rgb) {
-        Ok(()) => jpeg,
-        Err(error) => {
-            tracing::warn!(%error, "preview not encoded");
-            Vec::new()
-        }
-    }
-}
-
-/// One channel of a pixel as a screen shows it. Linear light is encoded only roughly (a power of 1/2.2): this is for a
-/// look, the files have the exact values.
-fn shown(picture: &Picture, x: u32, y: u32, channel: u32) -> u8 {
-    let at = (y as usize * picture.width as usize + x as usize) * 3 + channel as usize;
-    match picture.format {
-        PixelFormat::Srgb8 => picture.pixels[at],
-        PixelFormat::LinearF32 => {
-            let bytes = &picture.pixels[at * 4..at * 4 + 4];
-            let linear = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-            (linear.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0) as u8
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -252,14 +207,5 @@ mod tests {
     fn an_unwritable_folder_is_named() {
         let error = Files::new(PathBuf::from("/dev/null/x"), FileKind::Png).unwrap_err().to_string();
         assert!(error.starts_with("/dev/null/x: "), "{error}");
-    }
-
-    #[test]
-    fn a_wide_picture_becomes_a_narrow_preview() {
-        let format = PixelFormat::Srgb8;
-        let pixels = vec![100; 3840 * 20 * 3];
-        let picture = Picture { frame: FrameNumber(0), width: 3840, height: 20, format, pixels };
-        let jpeg = image::load_from_memory(&preview(&picture)).unwrap();
-        assert_eq!((jpeg.width(), jpeg.height()), (1920, 10));
     }
 }

@@ -23,8 +23,21 @@ pub(crate) struct Cli {
     /// What to log: error, warn, info, debug, trace, or a filter like `channel=debug`
     #[arg(long, global = true, env = "CYCLORAMA_LOG", value_name = "LEVEL")]
     pub log: Option<String>,
+    /// What the log is written as; json: an object a line, for collectors
+    #[arg(long, global = true, env = "CYCLORAMA_LOG_FORMAT", value_enum, default_value_t, value_name = "FORMAT")]
+    pub log_format: LogFormat,
     #[command(subcommand)]
     pub command: Option<Command>,
+}
+
+/// What the log is written as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// Lines for people
+    #[default]
+    Text,
+    /// JSON, an object a line
+    Json,
 }
 
 #[derive(Debug, Subcommand)]
@@ -193,6 +206,13 @@ pub(crate) struct RigArgs {
     /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
+    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
+    /// can read a command line
+    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub console_token: Option<String>,
+    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`); needs a build with `--features otlp`
+    #[arg(long, env = "CYCLORAMA_OTLP", value_name = "URL")]
+    pub otlp: Option<String>,
     /// Print the statistics as one JSON object at the end
     #[arg(long)]
     pub json: bool,
@@ -259,6 +279,13 @@ pub(crate) struct ManagerArgs {
     /// Where the console is served (HTTP); `off` for none
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
+    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
+    /// can read a command line. Without it, a console beyond this machine is read-only
+    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub console_token: Option<String>,
+    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`); needs a build with `--features otlp`
+    #[arg(long, env = "CYCLORAMA_OTLP", value_name = "URL")]
+    pub otlp: Option<String>,
     #[command(flatten)]
     pub trust: TrustArgs,
     /// Print the statistics as one JSON object at the end
@@ -448,6 +475,8 @@ pub(crate) enum BenchCommand {
     Chain(ChainArgs),
     /// How long it takes from the host's packet to the swap, in real time
     Latency(LatencyArgs),
+    /// What it costs a flying rig that nobody, one or twenty look at its console
+    Console(ConsoleArgs),
     /// Time to import a scene, beside that to open what was baked from it
     Open(OpenArgs),
     /// Time for llvmpipe to draw a scene, alone: the peer that `pixels --peer` runs beside
@@ -683,6 +712,22 @@ pub(crate) struct LatencyArgs {
     /// How long it flies, s
     #[arg(long, default_value = "600", value_name = "S", value_parser = positive)]
     pub seconds: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  cyclorama bench console city --size 480x270 --rounds 10")]
+pub(crate) struct ConsoleArgs {
+    #[command(flatten)]
+    pub fleet: FleetArgs,
+    /// How long each turn is timed, s
+    #[arg(long, default_value = "6", value_name = "S", value_parser = positive)]
+    pub seconds: f64,
+    /// Turns with no viewer, one and twenty
+    #[arg(long, default_value = "9", value_name = "N")]
+    pub rounds: NonZeroUsize,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

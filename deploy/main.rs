@@ -23,7 +23,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    output::start_log(cli.log.as_deref(), cli.command.as_ref());
+    output::start_log(cli.log.as_deref(), cli.log_format, cli.command.as_ref());
     let result = match cli.command.unwrap_or_default() {
         Command::Rig(args) => rig::run(&args),
         Command::Manager(args) => serve::manager(&args),
@@ -44,6 +44,7 @@ fn main() -> ExitCode {
         Command::Bench(BenchCommand::Wire(args)) => bench::wire(&args),
         Command::Bench(BenchCommand::Chain(args)) => bench::chain(&args),
         Command::Bench(BenchCommand::Latency(args)) => bench::latency(&args),
+        Command::Bench(BenchCommand::Console(args)) => bench::console(&args),
         Command::Bench(BenchCommand::Open(args)) => bench::open(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
     };

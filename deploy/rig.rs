@@ -125,6 +125,13 @@ impl Rig {
         }
         manager.args(["--detail", args.detail.name()]);
         manager.args(["--console", &console(args.console)]);
+        if let Some(token) = &args.console_token {
+            // Not by its command line, which everybody can read.
+            manager.env("CYCLORAMA_CONSOLE_TOKEN", token);
+        }
+        if let Some(url) = &args.otlp {
+            manager.args(["--otlp", url]);
+        }
         manager.args(air_flags(args));
         if let Some(frames) = frames {
             manager.args(["--frames", &frames.to_string()]);
@@ -295,7 +302,7 @@ fn own_command(args: &[&str]) -> Result<Command, CommandError> {
     let mut command = Command::new(program);
     command.args(args).arg("--supervised").stdin(Stdio::piped()).kill_on_drop(true);
     // A node's keys are not all nodes'.
-    command.env_remove("CYCLORAMA_KEYS");
+    command.env_remove("CYCLORAMA_KEYS").env_remove("CYCLORAMA_CONSOLE_TOKEN");
     if std::env::var_os("CYCLORAMA_LOG").is_none() {
         command.env("CYCLORAMA_LOG", "warn");
     }

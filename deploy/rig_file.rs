@@ -23,6 +23,10 @@ pub(crate) struct RigFile {
     pub lowest_resolution: Option<u32>,
     /// Most memory of each board that is used for meshes and textures, MiB.
     pub board_memory_mib: Option<f64>,
+    /// What somebody must know to change anything at the console.
+    pub console_token: Option<String>,
+    /// Where frames are sent as traces, OTLP over HTTP.
+    pub otlp: Option<String>,
     /// Which levels of detail are shown.
     pub detail: Option<DetailEntry>,
     /// Default row of views, when there are no `[[views]]`.

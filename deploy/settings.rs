@@ -7,7 +7,7 @@ use crate::rig_file::{Air, RigFile, SamplesEntry, ViewEntry};
 use crate::source;
 use glam::{DQuat, DVec3};
 use link::{NodeRole, Trust};
-use manager::backplane::{Config, DefaultRow, Stage};
+use manager::backplane::{Config, DefaultRow, Stage, Token};
 use manager::host::camera::{CameraFile, FOV_DEFAULT_DEG};
 use manager::scene::Scene;
 use manager::select::DetailMode;
@@ -243,6 +243,8 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         listen,
         pose_listen,
         console_listen: console,
+        console_token: console_token(args, &file)?,
+        otlp: otlp(args, &file)?,
         progress: Arc::default(),
     })
 }
@@ -253,6 +255,23 @@ fn scale_max(args: &ManagerArgs, file: &RigFile) -> Result<u32, CommandError> {
         scale @ (1 | 2 | 4) => Ok(scale),
         other => Err(CommandError::said(format!("lowest_resolution is {other}; it can be 1, 2 or 4"))),
     }
+}
+
+/// What somebody must know to change anything at the console.
+fn console_token(args: &ManagerArgs, file: &RigFile) -> Result<Option<Token>, CommandError> {
+    let written = args.console_token.as_ref().or(file.console_token.as_ref());
+    written.map(|text| Token::new(text)).transpose().map_err(|error| CommandError::said(error.to_string()))
+}
+
+/// Where frames are sent as traces.
+fn otlp(args: &ManagerArgs, file: &RigFile) -> Result<Option<String>, CommandError> {
+    let url = args.otlp.clone().or(file.otlp.clone());
+    if url.is_some() && !cfg!(feature = "otlp") {
+        return Err(CommandError::said(
+            "this build sends no traces; build it with `--features otlp`, or leave --otlp away",
+        ));
+    }
+    Ok(url)
 }
 
 /// Most memory of each board that is used, bytes.

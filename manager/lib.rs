@@ -6,6 +6,10 @@
 #![deny(unsafe_code)]
 
 pub mod backplane;
+#[cfg(feature = "console")]
+mod console;
 pub mod host;
+#[cfg(feature = "otlp")]
+mod otlp;
 pub mod scene;
 pub mod select;

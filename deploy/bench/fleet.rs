@@ -224,17 +224,27 @@ impl<'a> Fleet<'a> {
         Ok(())
     }
 
+    /// Where its console is.
+    pub(super) fn console(&self) -> SocketAddr {
+        self.console
+    }
+
+    /// Asks the console for JSON.
+    pub(super) fn get(&self, path: &str) -> Result<Value, CommandError> {
+        let mut stream = TcpStream::connect(self.console).map_err(said)?;
+        stream.set_read_timeout(Some(HANG)).map_err(said)?;
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").map_err(said)?;
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).map_err(said)?;
+        let (_, body) = answer.split_once("\r\n\r\n").ok_or_else(|| said("the console's answer has no body"))?;
+        serde_json::from_str(body).map_err(said)
+    }
+
     /// Reads the statistics.
     pub(super) fn look(&self) -> Result<Look, CommandError> {
         let before = Instant::now();
-        let mut stream = TcpStream::connect(self.console).map_err(said)?;
-        stream.set_read_timeout(Some(HANG)).map_err(said)?;
-        write!(stream, "GET /api/v1/stats HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").map_err(said)?;
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).map_err(said)?;
+        let value = self.get("/api/v1/stats")?;
         let middle = before + before.elapsed() / 2;
-        let (_, body) = answer.split_once("\r\n\r\n").ok_or_else(|| said("the console's answer has no body"))?;
-        let value: Value = serde_json::from_str(body).map_err(said)?;
         let time = value["time_s"].as_f64().ok_or_else(|| said("the statistics have no time"))?;
         let zero = middle.checked_sub(Duration::from_secs_f64(time));
         Ok(Look { value, zero: zero.ok_or_else(|| said("the statistics' time is not of today"))? })

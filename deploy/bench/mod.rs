@@ -3,10 +3,12 @@
 //! What is measured and how it is written lives in `tests/bench`; here it is done: `pixels` is the command, `entrant` are
 //! those that draw in it, turn by turn, `flight` draws one path for long, `lists` selects from made-up worlds, `open` opens scenes, `instructions` counts
 //! what times can't tell on a busy machine, `truth` says how far their pictures are from the reference, `peer` is the process
-//! that llvmpipe draws in; `wire` flies real rigs and counts what travels; `chain` takes the boards of one away and brings others, which `fleet` starts, and `disturbed` does so while every view is compared; `latency`
-//! lets such a rig fly and says how long it takes from packet to swap.
+//! that llvmpipe draws in; `wire` flies real rigs and counts what travels; `chain` takes the boards of one away and brings others, which `fleet` starts,
+//! and `disturbed` does so while every view is compared; `latency` lets such a rig fly and says how long it takes from packet to swap, `console` what it
+//! costs it to be looked at.
 
 mod chain;
+mod console;
 mod disturbed;
 mod entrant;
 mod fleet;
@@ -21,6 +23,7 @@ mod truth;
 mod wire;
 
 pub(crate) use chain::chain;
+pub(crate) use console::console;
 pub(crate) use flight::flight;
 pub(crate) use latency::latency;
 pub(crate) use lists::lists;

@@ -164,12 +164,37 @@ impl Director {
         }
     }
 
+    /// Shares all views in this way from the next frame on, or looks at so many points of each pixel.
+    pub(crate) fn set_sharing(&mut self, mode: Option<Mode>, samples: Option<Samples>) {
+        for setup in &mut self.stage.views {
+            setup.mode = mode.unwrap_or(setup.mode);
+            setup.view.samples = samples.unwrap_or(setup.view.samples);
+        }
+        if let Some(row) = &mut self.stage.row {
+            row.mode = mode.unwrap_or(row.mode);
+            row.samples = samples.unwrap_or(row.samples);
+        }
+        self.layout_revision += 1;
+        self.draw_anew();
+    }
+
     fn draw_anew(&mut self) {
         let scale = self.scale;
         let drawn = self.stage.views.iter().map(|setup| ViewSetup { view: setup.view.at_scale(scale), ..*setup });
         self.drawn = drawn.collect();
         self.views_revision += 1;
         self.is_stale = true;
+    }
+
+    /// The factor K of detail: display elements that a critical radius spans, times its distance in radii.
+    pub(crate) fn display_factor(&self) -> f64 {
+        detail::display_factor(self.drawn.iter().map(|setup| &setup.view))
+    }
+
+    /// Models that are between two levels, or fading; and how many there are.
+    pub(crate) fn in_transition(&self) -> (usize, usize) {
+        let is_between = |row: &&VersionWeights| row.weights.iter().any(|weight| *weight > 0.0 && *weight < 1.0);
+        (self.weights.iter().filter(is_between).count(), self.stage.scene.table.models.len())
     }
 
     pub(crate) fn eye(&self) -> Pose {

@@ -4,6 +4,7 @@
 //! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
 //! the compositor → the host's answer). `frame` opens frames, `feed` sends pieces of the scene.
 
+mod control;
 mod feed;
 mod frame;
 mod roster;
@@ -14,11 +15,14 @@ use super::calm::Calm;
 use super::content::Content;
 use super::director::Director;
 use super::links::{Outbox, Traffic};
+use super::live::{Command, CommandError, Live};
 use super::residency::Catalogue;
 use super::statistics::{BoardMemory, LinkBytes, Present, Report, Statistics};
 use super::stream::Stream;
+use super::trace::{FrameTrace, Traces};
 use crate::host::native::Freshness;
 use bytes::Bytes;
+use control::Control;
 use link::Identity;
 use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock};
 use proto::codec::encode;
@@ -71,13 +75,22 @@ pub(crate) enum Event {
     /// The console wants the newest picture.
     #[cfg_attr(not(feature = "console"), expect(dead_code, reason = "only the console asks"))]
     Picture(oneshot::Sender<Option<(FrameNumber, Bytes)>>),
+    /// The console wants to know how the rig is.
+    #[cfg_attr(not(feature = "console"), expect(dead_code, reason = "only the console asks"))]
+    Live(oneshot::Sender<Live>),
+    /// The console wants the last frames.
+    #[cfg_attr(not(feature = "console"), expect(dead_code, reason = "only the console asks"))]
+    Traces(oneshot::Sender<Vec<Arc<FrameTrace>>>),
+    /// Somebody at the console wants something done.
+    #[cfg_attr(not(feature = "console"), expect(dead_code, reason = "only the console asks"))]
+    Command { command: Command, from: String, answer: oneshot::Sender<Result<String, CommandError>> },
     /// The manager ends.
     Shutdown,
 }
 
 #[derive(Debug)]
 struct Board {
-    name: String,
+    name: Arc<str>,
     /// The name in its certificate, where there are keys.
     certified: Option<String>,
     /// Where its right neighbour reaches it.
@@ -99,6 +112,8 @@ struct Board {
     is_leaving: bool,
     /// Whether its link has been cut: what it still says doesn't count.
     is_out: bool,
+    /// Whether it was taken out at the console, until it is put back.
+    is_held: bool,
     /// Whether a frame has been shown that it drew a part of.
     draws: bool,
 }
@@ -106,7 +121,7 @@ struct Board {
 impl Board {
     fn new(name: String, certified: Option<String>, link: String, outbox: Outbox, since: Time) -> Self {
         Self {
-            name,
+            name: name.into(),
             certified,
             link,
             outbox,
@@ -119,8 +134,14 @@ impl Board {
             has_joined: false,
             is_leaving: false,
             is_out: false,
+            is_held: false,
             draws: false,
         }
+    }
+
+    /// Whether it is to stay in the row.
+    fn is_in_row(&self) -> bool {
+        self.has_joined && !(self.is_leaving || self.is_out || self.is_held)
     }
 }
 
@@ -161,6 +182,8 @@ pub(crate) struct Engine {
     selecting: Duration,
     /// The frames sent last, and when.
     sent: [(FrameNumber, Time); 2],
+    control: Control,
+    traces: Traces,
     /// Subobjects that the present selection leaves out.
     culled: u64,
     /// The last frame that waited for pieces.
@@ -218,6 +241,8 @@ impl Engine {
             ahead: Ahead::default(),
             selecting: Duration::ZERO,
             sent: [(FrameNumber(u64::MAX), Time(0)); 2],
+            control: Control::default(),
+            traces: Traces::default(),
             culled: 0,
             waited: None,
             boards: BTreeMap::new(),
@@ -294,7 +319,7 @@ impl Engine {
             // A frame that is drawn again has its pose already.
             ClockMode::LockStep => self.fresh.is_some() || self.clock.is_redraw(),
         };
-        has_boards && has_enough && has_compositor && has_pose && !self.is_done()
+        has_boards && has_enough && has_compositor && has_pose && self.control.may_open() && !self.is_done()
     }
 
     fn is_lock_step(&self) -> bool {
@@ -328,6 +353,9 @@ impl Engine {
                 self.picture_wanted = Some(self.now());
                 drop(answer.send(self.picture.clone()));
             }
+            Event::Live(answer) => drop(answer.send(self.live())),
+            Event::Traces(answer) => drop(answer.send(self.traces.all())),
+            Event::Command { command, from, answer } => drop(answer.send(self.on_command(command, &from))),
             Event::Shutdown => self.is_over = true,
         }
     }
@@ -354,6 +382,7 @@ impl Engine {
                     let detail = format!("board {name} ({from}, {threads} threads, {room} MiB), {key:?}");
                     self.log("connected", detail);
                     self.stream.on_board(key, memory, self.config.board_memory);
+                    self.control.on_hello(&hello.name);
                     let now = self.now();
                     self.boards.insert(key, Board::new(hello.name, certified, link, outbox, now));
                     self.tell_compositor_boards();
@@ -403,6 +432,7 @@ impl Engine {
         let now = self.now();
         if let Some(board) = self.boards.remove(&key) {
             self.stream.on_lost(key);
+            self.control.on_gone(now, key, &board, reason);
             self.calm.disturb();
             self.chain.on_lost(now, key);
             self.clock.on_lost(now, key);
@@ -443,6 +473,8 @@ impl Engine {
                 if let Some((_, at)) = self.sent.iter().find(|(sent, _)| *sent == frame) {
                     self.ahead.on_drawn(now.since(*at));
                 }
+                self.traces.on_ready(now, frame, key, &board.name, &report);
+                tracing::trace!(frame = frame.0, epoch = epoch.0, board = %board.name, ?report, "ready");
                 self.chain.on_ready(now, key, epoch, report.drawing());
                 self.clock.on_ready(now, key, frame, epoch);
                 self.stream.on_ready(key, frame);
@@ -451,6 +483,7 @@ impl Engine {
             FromBoard::Leave => {
                 board.is_leaving = true;
                 self.chain.on_leave(now, key);
+                self.release_waiting(key);
             }
             // It has been heard; nobody here asks for a term.
             FromBoard::Alive | FromBoard::Answer(_) => {}
@@ -470,7 +503,10 @@ impl Engine {
     fn on_compositor(&mut self, message: FromCompositor, payload: Bytes) {
         match message {
             FromCompositor::Presented { frame, stitch_ns } => {
-                self.statistics.stitch.add(Duration::from_nanos(stitch_ns));
+                let (now, stitch) = (self.now(), Duration::from_nanos(stitch_ns));
+                self.statistics.stitch.add(stitch);
+                self.traces.on_presented(now, frame, stitch);
+                self.control.shown = Some(now);
                 self.clock.on_presented(frame);
                 self.answer();
             }
@@ -545,12 +581,7 @@ impl Engine {
                         board.outbox.send(encode(&ToBoard::Chain(message), &[]));
                     }
                 }
-                BackplaneOutput::Released(key) => {
-                    if let Some(board) = self.boards.get(&key) {
-                        board.outbox.send(encode(&ToBoard::Goodbye, &[]));
-                        board.outbox.close();
-                    }
-                }
+                BackplaneOutput::Released(key) => self.release(key),
                 BackplaneOutput::PutOut(key, why) => self.put_out(key, why),
                 BackplaneOutput::Beat => self.tell_boards(&ToBoard::Alive),
                 BackplaneOutput::Closed(epoch) => {
@@ -561,23 +592,26 @@ impl Engine {
         }
     }
 
-    /// Whether somebody has looked at the console lately.
+    /// Whether somebody has asked for a picture lately, and got none since.
     fn is_picture_wanted(&self, now: Time) -> bool {
         self.picture_wanted.is_some_and(|at| now.since(at) < PREVIEW_INTEREST)
     }
 
     fn swap(&mut self, mut swap: Swap, opened: Time, late: bool) {
         let now = self.now();
-        swap.preview =
-            self.is_picture_wanted(now) && self.picture_made.is_none_or(|at| now.since(at) >= PREVIEW_PERIOD);
+        let is_due = self.picture_made.is_none_or(|at| now.since(at) >= PREVIEW_PERIOD);
+        swap.preview = self.control.is_paused() || (is_due && self.is_picture_wanted(now));
         if swap.preview {
-            self.picture_made = Some(now);
+            // One for each time that somebody asks: a viewer that is slow to show them costs no more than he sees.
+            (self.picture_made, self.picture_wanted) = (Some(now), None);
         }
         self.calm.on_swap(!late && swap.complete.iter().all(|complete| *complete));
         self.statistics.frames += 1;
         self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
         self.statistics.late_frames += u64::from(late);
-        self.statistics.repeated_views += swap.complete.iter().filter(|complete| !**complete).count() as u64;
+        let repeated = swap.complete.iter().filter(|complete| !**complete).count() as u32;
+        self.statistics.repeated_views += u64::from(repeated);
+        self.traces.on_swap(now, swap.frame, repeated);
         self.statistics.frame.add(now.since(opened));
         if let Some(source) = &self.shown {
             self.statistics.latency.add(now.since(source.received));
@@ -620,7 +654,7 @@ impl Engine {
     fn report(&self) -> Report {
         let memory = self.boards.iter().filter_map(|(key, board)| {
             let [limit_bytes, held_bytes, peak_bytes] = self.stream.memory(*key)?;
-            Some(BoardMemory { board: board.name.clone(), limit_bytes, held_bytes, peak_bytes })
+            Some(BoardMemory { board: board.name.to_string(), limit_bytes, held_bytes, peak_bytes })
         });
         let count = |bytes: &AtomicU64| bytes.load(Ordering::Relaxed);
         let (to_boards, from_boards) = (count(&self.traffic.to_boards), count(&self.traffic.from_boards));

@@ -16,26 +16,36 @@
 //! | `calm` | whether a frame would show anything new |
 //! | `content` | the scene as payloads |
 //! | `statistics` | counts and times |
-//! | `console` | the page, its picture and the JSON statistics |
+//! | `trace` | what the last frames did, and when |
+//! | `spans` | the same as spans, for traces |
+//! | `live` | what the console is told, and may ask for |
+//! | `desk` | where the console asks; itself it is the room beside this one |
+//! | `token` | what somebody must know to change anything there |
 
 mod ahead;
 mod calm;
 mod changes;
-#[cfg(feature = "console")]
-mod console;
 mod content;
+#[cfg(feature = "console")]
+pub(crate) mod desk;
 mod director;
 mod engine;
 mod links;
 mod lists;
+pub(crate) mod live;
 mod residency;
-mod statistics;
+#[cfg(feature = "console")]
+pub(crate) mod spans;
+pub(crate) mod statistics;
 mod stream;
+mod token;
+pub(crate) mod trace;
 
 pub use director::{DefaultRow, Stage};
 pub use statistics::{
     BoardMemory, Dropped, EventEntry, LinkBytes, Report, Skipped, StageTimes, Streaming, TimeSummary,
 };
+pub use token::{Token, TokenError};
 
 use crate::host::native::SequenceFilter;
 use content::Content;
@@ -83,6 +93,10 @@ pub struct Config {
     pub pose_listen: SocketAddr,
     /// Where the console is served (HTTP); `None`: nowhere.
     pub console_listen: Option<SocketAddr>,
+    /// What somebody must know to change anything there. `None`: nothing, on this machine; beyond it nobody changes anything.
+    pub console_token: Option<Token>,
+    /// Where frames are sent as traces (OTLP over HTTP); taken by builds with the feature `otlp` only.
+    pub otlp: Option<String>,
     /// Counts frames as they are swapped, for whoever shows progress.
     pub progress: Arc<AtomicU64>,
 }
@@ -121,6 +135,9 @@ pub enum ManagerError {
     /// A thread couldn't be started.
     #[error("cannot start the engine: {0}")]
     Thread(std::io::Error),
+    /// Traces can't be sent there.
+    #[error("--otlp {0}")]
+    Otlp(std::io::Error),
     /// The engine panicked: our own mistake.
     #[error("the engine ended unexpectedly; please report this with the log")]
     Engine,
@@ -152,6 +169,10 @@ pub async fn run(
         console: console.as_ref().and_then(|listener| listener.local_addr().ok()),
     };
 
+    #[cfg(feature = "console")]
+    let console_token = config.console_token;
+    #[cfg(feature = "otlp")]
+    let otlp = config.otlp.clone();
     let content = Arc::new(Content::of(config.stage.scene.clone()));
     let catalogue = Catalogue::of(&config.stage.scene)?;
     let traffic = Arc::new(Traffic::default());
@@ -170,8 +191,16 @@ pub async fn run(
     tasks.spawn(links::listen(listener, facts.clone(), content, traffic));
     tasks.spawn(receive_poses(poses, facts.clone(), started));
     #[cfg(feature = "console")]
-    if let Some(listener) = console {
-        tasks.spawn(console::serve(listener, facts.clone()));
+    let _console = match console {
+        Some(listener) => {
+            let desk = desk::Desk::new(facts.clone());
+            Some(crate::console::Console::start(listener, console_token, desk).map_err(ManagerError::Thread)?)
+        }
+        None => None,
+    };
+    #[cfg(feature = "otlp")]
+    if let Some(url) = otlp {
+        crate::otlp::start(&url, desk::Desk::new(facts.clone())).map_err(ManagerError::Otlp)?;
     }
     listening(addresses);
 

@@ -11,25 +11,45 @@ const EVENTS_MAX: usize = 1000;
 /// Longest time that a distribution tells apart from longer ones, ns: a minute.
 const LONGEST_NS: u64 = 60_000_000_000;
 
+/// Upper ends of the buckets in which times are counted for metrics, s: fine round the periods of 120, 60 and 30 Hz.
+pub(crate) const BUCKETS_S: [f64; 15] = [
+    0.0001, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008_334, 0.0125, 0.016_667, 0.025, 0.033_334, 0.05, 0.1, 0.25, 1.0,
+];
+
+/// How many times fell into each of [`BUCKETS_S`], and last those above all, and their sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct TimeCounts {
+    pub buckets: [u64; BUCKETS_S.len() + 1],
+    pub sum: Duration,
+}
+
 /// A distribution of times; resolution about a thousandth.
 #[derive(Clone, Debug)]
-pub(crate) struct Times(Histogram<u64>);
+pub(crate) struct Times {
+    histogram: Histogram<u64>,
+    counts: TimeCounts,
+}
 
 impl Default for Times {
     fn default() -> Self {
-        Self(Histogram::new_with_bounds(1000, LONGEST_NS, 3).expect("the bounds are constants in order"))
+        let histogram = Histogram::new_with_bounds(1000, LONGEST_NS, 3).expect("the bounds are constants in order");
+        Self { histogram, counts: TimeCounts::default() }
     }
 }
 
 impl Times {
     pub(crate) fn add(&mut self, time: Duration) {
-        self.0.saturating_record(u64::try_from(time.as_nanos()).unwrap_or(LONGEST_NS));
+        self.histogram.saturating_record(u64::try_from(time.as_nanos()).unwrap_or(LONGEST_NS));
+        let seconds = time.as_secs_f64();
+        self.counts.buckets[BUCKETS_S.partition_point(|end| *end < seconds)] += 1;
+        // A board may say any number.
+        self.counts.sum = self.counts.sum.saturating_add(time);
     }
 
     fn summary(&self) -> TimeSummary {
         let ms = |ns: u64| (ns as f64 / 1e3).round() / 1e3;
-        let at = |q| if self.0.is_empty() { 0.0 } else { ms(self.0.value_at_quantile(q)) };
-        TimeSummary { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: ms(self.0.max()) }
+        let at = |q| if self.histogram.is_empty() { 0.0 } else { ms(self.histogram.value_at_quantile(q)) };
+        TimeSummary { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: ms(self.histogram.max()) }
     }
 }
 
@@ -262,6 +282,63 @@ pub(crate) struct Statistics {
     pub dropped: Dropped,
     pub streaming: Streaming,
     events: VecDeque<EventEntry>,
+}
+
+/// The sums of a [`Statistics`], which cost nothing to tell: unlike a [`Report`], no distribution is looked through.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(crate) struct Totals {
+    pub frames: u64,
+    pub late_frames: u64,
+    pub repeated_views: u64,
+    pub bytes_to_boards: u64,
+    pub bytes_from_boards: u64,
+    pub triangles: u64,
+    pub fragments: u64,
+    pub skipped: Skipped,
+    pub dropped: Dropped,
+    pub streaming: Streaming,
+}
+
+/// Stages in the order of a frame, by the names of [`StageTimes`].
+pub(crate) const STAGES: [&str; 8] =
+    ["select", "stream", "geometry", "raster", "translucency", "resolve", "transfer", "stitch"];
+
+#[cfg_attr(not(feature = "console"), allow(dead_code, reason = "only the console asks"))]
+impl Statistics {
+    pub(crate) fn totals(&self) -> Totals {
+        Totals {
+            frames: self.frames,
+            late_frames: self.late_frames,
+            repeated_views: self.repeated_views,
+            bytes_to_boards: self.bytes_to_boards,
+            bytes_from_boards: self.bytes_from_boards,
+            triangles: self.triangles,
+            fragments: self.fragments,
+            skipped: self.skipped,
+            dropped: self.dropped,
+            streaming: self.streaming,
+        }
+    }
+
+    /// Of a whole frame, of its latency, and of each of [`STAGES`].
+    pub(crate) fn counts(&self) -> (TimeCounts, TimeCounts, [TimeCounts; STAGES.len()]) {
+        let stages = [
+            &self.select,
+            &self.stream,
+            &self.geometry,
+            &self.raster,
+            &self.translucency,
+            &self.resolve,
+            &self.transfer,
+            &self.stitch,
+        ];
+        (self.frame.counts, self.latency.counts, stages.map(|times| times.counts))
+    }
+
+    /// The newest events, at most so many, the oldest first.
+    pub(crate) fn newest_events(&self, count: usize) -> Vec<EventEntry> {
+        self.events.range(self.events.len().saturating_sub(count)..).cloned().collect()
+    }
 }
 
 impl Statistics {

@@ -5,6 +5,7 @@
 
 pub mod chain;
 pub mod chart;
+pub mod console;
 mod date;
 pub mod disturbed;
 pub mod latency;

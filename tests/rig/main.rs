@@ -19,6 +19,7 @@ mod lifecycle;
 mod lights;
 mod pictures;
 mod place;
+#[allow(dead_code, reason = "what all suites share; each uses a part")]
 mod program;
 mod still;
 mod streaming;

@@ -130,6 +130,11 @@ impl Rig {
         Self { child, console }
     }
 
+    /// Where its console is.
+    pub(crate) fn console(&self) -> SocketAddr {
+        self.console
+    }
+
     /// Asks the console.
     pub(crate) fn get(&self, path: &str) -> Option<(String, Vec<u8>)> {
         get(self.console, path)

@@ -1,6 +1,6 @@
 //! Pieces of the scene on their way to boards, and boards on their way into the row.
 
-use super::{BoardKey, Engine};
+use super::{Board, BoardKey, Engine};
 use crate::backplane::residency::Violation;
 use bytes::Bytes;
 use proto::codec::{CodecError, decode_ids, encode, encode_ids};
@@ -98,7 +98,8 @@ impl Engine {
     /// Takes boards into the row that hold what is needed now, as far as they have room.
     pub(super) fn admit(&mut self) {
         let now = self.now();
-        let waiting = self.boards.iter().filter(|(_, board)| !board.has_joined && !board.is_leaving && !board.is_out);
+        let is_waiting = |board: &Board| !(board.has_joined || board.is_leaving || board.is_out || board.is_held);
+        let waiting = self.boards.iter().filter(|(_, board)| is_waiting(board));
         let waiting: Vec<BoardKey> = waiting.map(|(key, _)| *key).collect();
         if waiting.is_empty() {
             return;

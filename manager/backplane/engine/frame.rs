@@ -70,8 +70,9 @@ impl Engine {
         let Some(wiring) = self.chain.on_frame(now, next).cloned() else { return };
         // The boards must hear of the wiring before the first frame under it.
         self.drain();
+        let _frame = tracing::debug_span!("frame", frame = next.0, epoch = wiring.epoch.0).entered();
         let before_select = Instant::now();
-        self.refresh(now);
+        tracing::debug_span!("select").in_scope(|| self.refresh(now));
         let views = self.director.views().len();
         self.stream.on_wiring(Some(&wiring), self.boards.keys().copied(), views);
         let patience = if self.is_lock_step() { Patience::Whole } else { Patience::None };
@@ -83,7 +84,9 @@ impl Engine {
         self.first_open.get_or_insert(now);
         self.format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
         let shown = self.shown_by(&wiring);
-        let is_picture_due = self.is_picture_wanted(now) && self.last_swap.as_ref().is_none_or(|swap| !swap.preview);
+        let is_picture_wanted = self.is_picture_wanted(now) || self.control.is_paused();
+        let is_picture_due = is_picture_wanted && self.last_swap.as_ref().is_none_or(|swap| !swap.preview);
+        self.control.on_open();
         let source = self.fresh.take();
         if source.is_some() {
             self.shown = source;
@@ -91,6 +94,7 @@ impl Engine {
         self.count_substituted(next, substituted);
         if !self.is_lock_step() && !is_picture_due && self.calm.is_idle(now, &shown) {
             let frame = self.clock.on_idle(now);
+            self.control.shown = Some(now);
             self.statistics.frames += 1;
             self.statistics.skipped.frames_idle += 1;
             self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
@@ -101,6 +105,7 @@ impl Engine {
             self.statistics.select.add(self.selecting + selecting);
             self.statistics.skipped.culled += self.culled;
             let frame = self.clock.on_open(now, &wiring);
+            self.traces.on_open(frame, source.map(|source| source.received), now, self.selecting + selecting);
             // A member that is gone already says nothing any more.
             for key in &wiring.members {
                 if !self.boards.contains_key(key) {
@@ -110,9 +115,10 @@ impl Engine {
             self.update_compositor_views();
             self.tell_record(frame);
             let before_stream = Instant::now();
-            self.send_frame(frame, &wiring);
+            tracing::debug_span!("stream").in_scope(|| self.send_frame(frame, &wiring));
             let streaming = before_stream.elapsed();
             self.statistics.stream.add(streaming);
+            self.traces.on_sent(frame, streaming);
             self.on_sent(frame, selecting + streaming);
         }
         self.feed_all();
