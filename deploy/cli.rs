@@ -1,8 +1,10 @@
 //! The command line: every flag is defined here once; parsing, `--help` and the tests come from it.
 
 mod keys;
+mod service;
 
-pub(crate) use keys::{KeysCommand, KeysInitArgs, KeysIssueArgs, KeysShowArgs, TrustArgs};
+pub(crate) use keys::{KeysArgs, KeysCommand, KeysInitArgs, KeysIssueArgs, KeysShowArgs, TrustArgs};
+pub(crate) use service::{CompletionsArgs, HealthArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
@@ -38,8 +40,9 @@ pub(crate) enum Command {
     /// Run the compositor
     Compositor(CompositorArgs),
     /// Make the rig's authority and its nodes' keys
-    #[command(subcommand)]
-    Keys(KeysCommand),
+    Keys(KeysArgs),
+    /// Ask a rig whether it is well
+    Health(HealthArgs),
     /// Be a host
     #[command(subcommand)]
     Host(HostCommand),
@@ -56,6 +59,10 @@ pub(crate) enum Command {
     /// Measure
     #[command(subcommand)]
     Bench(BenchCommand),
+    /// Print a shell's completions for this command
+    Completions(CompletionsArgs),
+    /// Write the manual's pages
+    Man(ManArgs),
 }
 
 impl Default for Command {
@@ -297,7 +304,7 @@ pub(crate) struct ChannelArgs {
     /// less detailed
     #[arg(long, env = "CYCLORAMA_MEMORY_LIMIT", value_name = "MIB", value_parser = mebibytes)]
     pub memory_limit: Option<u64>,
-    /// A name for logs and the console; the process number by default
+    /// A name for logs and the console; the machine's and the process number by default, and in a container the container's
     #[arg(long, env = "CYCLORAMA_NAME")]
     pub name: Option<String>,
     #[command(flatten)]
@@ -339,9 +346,11 @@ pub(crate) enum HostCommand {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  cyclorama host play flight.json --to 127.0.0.1:7401 --rate 60 --repeat")]
+#[command(
+    after_help = "Examples:\n  cyclorama host play flight.json --to 127.0.0.1:7401 --rate 60 --repeat\n  cyclorama host play airport --repeat"
+)]
 pub(crate) struct HostPlayArgs {
-    /// The camera file
+    /// The camera file, or the name of a built-in scene: its own path
     pub file: PathBuf,
     /// Where the manager takes pose packets
     #[arg(long, default_value = "127.0.0.1:7401", value_name = "HOST:PORT")]
