@@ -10,7 +10,7 @@ use std::path::PathBuf;
 )]
 pub(crate) struct HealthArgs {
     /// What to ask, of the manager's console
-    #[arg(value_name = "URL", default_value = "http://127.0.0.1:7480/health")]
+    #[arg(env = "CYCLORAMA_HEALTH", value_name = "URL", default_value = "http://127.0.0.1:7480/health")]
     pub url: String,
     /// Ask whether the board of this name is in the row (this machine's name if none is given); URL is then that of the statistics
     #[arg(long, value_name = "NAME", num_args = 0..=1, default_missing_value = "", requires = "url")]
