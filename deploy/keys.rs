@@ -4,7 +4,7 @@
 //! node's and its private key. What a certificate says is [`link::Identity`]'s matter. Files take their names when they are
 //! complete, so a daemon that reads them meanwhile finds whole ones.
 
-use crate::cli::{KeysInitArgs, KeysIssueArgs, KeysShowArgs};
+use crate::cli::{KeysArgs, KeysCommand, KeysInitArgs, KeysIssueArgs, KeysShowArgs};
 use crate::error::CommandError;
 use crate::output::{note, say};
 use link::{AUTHORITY_FILE, CERTIFICATE_FILE, Fingerprint, Identity, KEY_FILE, NodeRole, Trust, utc};
@@ -15,6 +15,7 @@ use rcgen::{
 use serde::Serialize;
 use std::fs::{DirBuilder, OpenOptions};
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::Path;
 use time::{Duration, OffsetDateTime};
@@ -24,6 +25,12 @@ use x509_parser::pem::Pem;
 const AUTHORITY_KEY_FILE: &str = "authority.key.pem";
 /// Certificates hold from a little before they are made: machines' clocks differ.
 const SLACK: Duration = Duration::HOUR;
+/// Where `keys DIR` keeps the authority.
+const AUTHORITY_FOLDER: &str = "authority";
+/// How long that authority holds: ten years, as by `keys init`.
+const AUTHORITY_DAYS: u32 = 3650;
+/// How many boards `keys DIR` makes keys for.
+const BOARDS: usize = 3;
 const SECRET: u32 = 0o600;
 const PUBLIC: u32 = 0o644;
 
@@ -97,8 +104,47 @@ impl Authority {
     }
 }
 
+/// `cyclorama keys`.
+pub(crate) fn run(args: &KeysArgs) -> Result<(), CommandError> {
+    match (&args.command, &args.folder) {
+        (Some(KeysCommand::Init(args)), _) => init(args),
+        (Some(KeysCommand::Issue(args)), _) => issue(args),
+        (Some(KeysCommand::Show(args)), _) => show(args),
+        (None, Some(folder)) => make_rig(args, folder),
+        (None, None) => Err(CommandError::said("keys of which rig? Say `cyclorama keys FOLDER`")),
+    }
+}
+
+/// `cyclorama keys DIR`: what is missing of a rig's keys.
+fn make_rig(args: &KeysArgs, folder: &Path) -> Result<(), CommandError> {
+    let home = folder.join(AUTHORITY_FOLDER);
+    if !home.join(AUTHORITY_FILE).exists() {
+        // Nodes' keys without the authority beside them are another's, or an authority that is kept elsewhere.
+        Authority::make(&home, AUTHORITY_DAYS)?;
+        note(&format!("{}: an authority; who has this folder can issue keys for any node", home.display()));
+    }
+    let authority = Authority::open(&home)?;
+    let count = args.boards.map_or(BOARDS, NonZeroUsize::get);
+    let numbered = (1..=count).map(|k| format!("board-{k}"));
+    let boards: Vec<_> = if args.board.is_empty() { numbered.collect() } else { args.board.clone() };
+    let boards = boards.iter().map(|name| (NodeRole::Board, name.as_str()));
+    for (role, name) in [(NodeRole::Manager, "manager"), (NodeRole::Compositor, "compositor")].into_iter().chain(boards)
+    {
+        let node = folder.join(name);
+        if node.join(CERTIFICATE_FILE).exists() && !args.renew {
+            // Whatever is wrong with it is told now, not when the rig starts.
+            Trust::with_keys(&node, role)?;
+            note(&format!("{}: kept", node.display()));
+        } else {
+            authority.issue(role, name, args.days, &node)?;
+            note(&format!("{}: keys of the {role} {name}, for {} days", node.display(), args.days));
+        }
+    }
+    Ok(())
+}
+
 /// `cyclorama keys init`.
-pub(crate) fn init(args: &KeysInitArgs) -> Result<(), CommandError> {
+fn init(args: &KeysInitArgs) -> Result<(), CommandError> {
     Authority::make(&args.folder, args.days)?;
     let folder = args.folder.display();
     note(&format!("{folder}: an authority; next: cyclorama keys issue {folder} --role manager --name desk --out desk"));
@@ -106,7 +152,7 @@ pub(crate) fn init(args: &KeysInitArgs) -> Result<(), CommandError> {
 }
 
 /// `cyclorama keys issue`.
-pub(crate) fn issue(args: &KeysIssueArgs) -> Result<(), CommandError> {
+fn issue(args: &KeysIssueArgs) -> Result<(), CommandError> {
     let role = NodeRole::from(args.role);
     Authority::open(&args.authority)?.issue(role, &args.name, args.days, &args.out)?;
     note(&format!("{}: keys of the {role} {}, for {} days", args.out.display(), args.name, args.days));
@@ -125,7 +171,7 @@ struct Shown {
 }
 
 /// `cyclorama keys show`.
-pub(crate) fn show(args: &KeysShowArgs) -> Result<(), CommandError> {
+fn show(args: &KeysShowArgs) -> Result<(), CommandError> {
     let is_authority = args.folder.join(AUTHORITY_KEY_FILE).exists();
     let files: &[_] = if is_authority { &[AUTHORITY_FILE] } else { &[AUTHORITY_FILE, CERTIFICATE_FILE] };
     let mut shown = Vec::new();
@@ -240,6 +286,7 @@ fn write(file: &Path, text: &str, mode: u32) -> Result<(), CommandError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
     use std::os::unix::fs::PermissionsExt;
 
     #[test]
@@ -257,6 +304,41 @@ mod tests {
         assert!(describe(&authority, AUTHORITY_FILE).unwrap()[0].name.starts_with("cyclorama authority "));
         show(&KeysShowArgs { folder: node, json: true }).unwrap();
         show(&KeysShowArgs { folder: authority, json: false }).unwrap();
+    }
+
+    #[test]
+    fn one_command_makes_a_rigs_keys_and_adds_what_is_missing() {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = folder.path().join("rig");
+        let make = |more: &[&str]| {
+            let line = [&["cyclorama", "keys", rig.to_str().unwrap()], more].concat();
+            match crate::cli::Cli::try_parse_from(line).unwrap().command {
+                Some(crate::cli::Command::Keys(args)) => run(&args).map_err(|error| error.to_string()),
+                _ => unreachable!("that is the command"),
+            }
+        };
+        let certificate = |node: &str| std::fs::read(rig.join(node).join(CERTIFICATE_FILE)).unwrap();
+        make(&["--boards", "2"]).unwrap();
+        for (node, role) in
+            [("manager", NodeRole::Manager), ("compositor", NodeRole::Compositor), ("board-2", NodeRole::Board)]
+        {
+            assert!(Trust::with_keys(&rig.join(node), role).unwrap().has_keys());
+        }
+        assert!(!rig.join("board-3").exists());
+        let (first, authority) =
+            (certificate("board-1"), std::fs::read(rig.join("authority").join(AUTHORITY_FILE)).unwrap());
+        make(&["--boards", "3"]).unwrap();
+        make(&["--board", "pc1,left-wall"]).unwrap();
+        assert_eq!(certificate("board-1"), first, "kept");
+        assert!(Trust::with_keys(&rig.join("left-wall"), NodeRole::Board).is_ok());
+        make(&["--renew", "--boards", "1"]).unwrap();
+        assert_ne!(certificate("board-1"), first, "renewed");
+        assert_eq!(std::fs::read(rig.join("authority").join(AUTHORITY_FILE)).unwrap(), authority, "the same authority");
+        // A board's keys where the manager's should be.
+        std::fs::remove_dir_all(rig.join("manager")).unwrap();
+        std::fs::rename(rig.join("board-1"), rig.join("manager")).unwrap();
+        let error = make(&[]).unwrap_err();
+        assert!(error.contains("this certificate is for the board board-1, and a manager needs"), "{error}");
     }
 
     #[test]

@@ -7,8 +7,11 @@ mod bench;
 mod check;
 mod cli;
 mod error;
+mod health;
+mod host;
 mod in_process;
 mod keys;
+mod manual;
 mod output;
 mod render;
 mod rig;
@@ -18,7 +21,7 @@ mod settings;
 mod source;
 
 use clap::Parser;
-use cli::{BenchCommand, Cli, Command, HostCommand, KeysCommand};
+use cli::{BenchCommand, Cli, Command, HostCommand};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -29,10 +32,9 @@ fn main() -> ExitCode {
         Command::Manager(args) => serve::manager(&args),
         Command::Channel(args) => serve::channel(&args),
         Command::Compositor(args) => serve::compositor(&args),
-        Command::Keys(KeysCommand::Init(args)) => keys::init(&args),
-        Command::Keys(KeysCommand::Issue(args)) => keys::issue(&args),
-        Command::Keys(KeysCommand::Show(args)) => keys::show(&args),
-        Command::Host(HostCommand::Play(args)) => serve::host_play(&args),
+        Command::Keys(args) => keys::run(&args),
+        Command::Health(args) => health::run(&args),
+        Command::Host(HostCommand::Play(args)) => host::play(&args),
         Command::Render(args) => render::run(&args),
         Command::Bake(args) => bake::run(&args),
         Command::Inspect(args) => source::inspect(&args),
@@ -47,6 +49,8 @@ fn main() -> ExitCode {
         Command::Bench(BenchCommand::Console(args)) => bench::console(&args),
         Command::Bench(BenchCommand::Open(args)) => bench::open(&args),
         Command::Bench(BenchCommand::Peer(args)) => bench::peer(&args),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::pages(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,29 +2,24 @@
 //!
 //! A daemon ends by SIGINT, SIGTERM or, under `rig`, when its stdin does: so none outlives a rig that was killed.
 
-use crate::cli::{ChannelArgs, CompositorArgs, HostPlayArgs, ManagerArgs, Supervision};
+use crate::cli::{ChannelArgs, CompositorArgs, ManagerArgs, Supervision};
 use crate::error::CommandError;
 use crate::output::{note, say};
 use crate::settings;
 use link::NodeRole;
 use manager::backplane::{Addresses, Report};
-use manager::host::camera::CameraFile;
-use proto::pose::Answer;
 use serde::{Deserialize, Serialize};
-use std::io::ErrorKind;
-use std::net::{SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
 /// How often a supervised manager says how far it is.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(250);
-/// How long a lock-step host waits for an answer before it asks again.
-const ANSWER_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// What a supervised manager says, one JSON object a line.
 #[derive(Debug, Serialize, Deserialize)]
@@ -146,7 +141,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         threads,
         simd: args.simd.unwrap_or_default(),
         memory: args.memory_limit.unwrap_or_else(|| machine_memory() / 2),
-        name: args.name.clone().unwrap_or_else(|| std::process::id().to_string()),
+        name: args.name.clone().unwrap_or_else(own_name),
         once: args.supervision.supervised,
     };
     runtime(1)?.block_on(async {
@@ -159,6 +154,20 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         .await?;
         Ok(())
     })
+}
+
+/// What a board is called that wasn't given a name. In a container it is the first process, and the container's name says which.
+fn own_name() -> String {
+    match std::process::id() {
+        1 => host_name(),
+        number => format!("{}-{number}", host_name()),
+    }
+}
+
+/// This machine's name, or the container's.
+pub(crate) fn host_name() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    if name.trim().is_empty() { "board".into() } else { name.trim().to_owned() }
 }
 
 /// Processors that this process may use.
@@ -196,71 +205,4 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
         }
         Ok(())
     })
-}
-
-/// `cyclorama host play`.
-pub(crate) fn host_play(args: &HostPlayArgs) -> Result<(), CommandError> {
-    let camera = CameraFile::read(&args.file)?;
-    let socket =
-        UdpSocket::bind(("0.0.0.0", 0)).map_err(|error| CommandError::said(format!("no UDP socket: {error}")))?;
-    socket
-        .connect(&args.to)
-        .map_err(|error| CommandError::said(format!("{}: {error}; expected HOST:PORT of a manager", args.to)))?;
-    socket.set_read_timeout(Some(ANSWER_TIMEOUT)).map_err(|error| CommandError::said(error.to_string()))?;
-    if args.supervision.supervised {
-        std::thread::spawn(|| {
-            // Whether it ends or fails, nobody supervises us any more.
-            let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
-            std::process::exit(0);
-        });
-    }
-    let mut sequence = 0;
-    let mut epoch = Instant::now();
-    loop {
-        for k in 0..camera.poses.len() {
-            let due = camera.poses[k].t.unwrap_or(k as f64 / args.rate);
-            if !args.lock_step {
-                let due = epoch + Duration::from_secs_f64((due - camera.poses[0].t.unwrap_or(0.0)).max(0.0));
-                std::thread::sleep(due.saturating_duration_since(Instant::now()));
-            }
-            let packet = camera.packet(k, sequence, args.lock_step, args.size).encode();
-            send_pose(&socket, &packet, sequence, args.lock_step);
-            sequence = sequence.wrapping_add(1);
-        }
-        if !args.repeat {
-            return Ok(());
-        }
-        // One period between the last pose and the first again.
-        std::thread::sleep(if args.lock_step { Duration::ZERO } else { Duration::from_secs_f64(1.0 / args.rate) });
-        epoch = Instant::now();
-    }
-}
-
-/// Sends a pose; in lock-step again and again until the manager has shown it.
-fn send_pose(socket: &UdpSocket, packet: &[u8], sequence: u32, lock_step: bool) {
-    let mut answer = [0; 64];
-    loop {
-        // "Refused" means that the manager isn't there at present: like JSBSim, go on.
-        if let Err(error) = socket.send(packet) {
-            tracing::debug!(%error, "pose not sent");
-            if lock_step {
-                std::thread::sleep(ANSWER_TIMEOUT);
-            }
-        }
-        if !lock_step {
-            return;
-        }
-        loop {
-            match socket.recv(&mut answer) {
-                Ok(len) if Answer::decode(&answer[..len]).is_ok_and(|answer| answer.sequence == sequence) => return,
-                Ok(_) => {}
-                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => break,
-                // "Refused": nobody listens at present, and the next attempt would fail as fast.
-                Err(_) => {
-                    std::thread::sleep(ANSWER_TIMEOUT);
-                    break;
-                }
-            }
-        }
-    }
 }

@@ -40,6 +40,14 @@ pub(crate) fn load(name: &str, camera: Option<&Path>) -> Result<Source, CommandE
     Ok(Source { scene, camera })
 }
 
+/// The camera path in this file, or that of the built-in scene of this name.
+pub(crate) fn camera(file: &Path) -> Result<CameraFile, CommandError> {
+    match file.to_str().filter(|_| !file.exists()).and_then(builtin::build) {
+        Some(built) => Ok(built.camera),
+        None => Ok(CameraFile::read(file)?),
+    }
+}
+
 /// The camera path that belongs to a scene file: `city.glb` → `city.path.json`.
 pub(crate) fn beside(scene: &Path) -> PathBuf {
     scene.with_extension("path.json")

@@ -2,6 +2,7 @@
 
 use clap::{Args, Subcommand, ValueEnum};
 use link::NodeRole;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 /// How a daemon's links are protected.
@@ -15,12 +16,35 @@ pub(crate) struct TrustArgs {
     pub insecure: bool,
 }
 
-#[derive(Debug, Subcommand)]
+#[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  cyclorama keys init authority\n  cyclorama keys issue authority --role board --name pc1 --out pc1\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1"
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "Examples:\n  cyclorama keys rig-keys --boards 5\n  cyclorama keys rig-keys --board pc1,pc2,left-wall\n  cyclorama keys issue rig-keys/authority --role board --name pc3 --out rig-keys/pc3\n\nKeys that are there already are kept, so the same command with more boards adds what is missing."
 )]
+pub(crate) struct KeysArgs {
+    /// Make a whole rig's keys in this folder: `authority`, and a folder each for `manager`, `compositor` and the boards
+    #[arg(required = true)]
+    pub folder: Option<PathBuf>,
+    /// How many boards, called board-1, board-2 …; 3 if none are named
+    #[arg(long, value_name = "N", value_parser = super::boards, conflicts_with = "board")]
+    pub boards: Option<NonZeroUsize>,
+    /// Names of the boards. Boards that share one machine can share one name
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = board_name)]
+    pub board: Vec<String>,
+    /// How long the nodes' keys can be used, days
+    #[arg(long, default_value_t = 365, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    pub days: u32,
+    /// Issue the nodes' keys anew, in place of those that are there; the authority stays
+    #[arg(long)]
+    pub renew: bool,
+    #[command(subcommand)]
+    pub command: Option<KeysCommand>,
+}
+
+#[derive(Debug, Subcommand)]
 pub(crate) enum KeysCommand {
-    /// Make a rig's authority: what all its keys are issued by
+    /// Make a rig's authority alone: what all its keys are issued by
     Init(KeysInitArgs),
     /// Issue keys for one node, or new ones in place of its old ones
     Issue(KeysIssueArgs),
@@ -97,13 +121,23 @@ fn node_name(text: &str) -> Result<String, String> {
     if link::is_node_name(text) { Ok(text.to_owned()) } else { Err(format!("expected {right}, like left-wall-2")) }
 }
 
+/// A board's name, which is its folder's too.
+fn board_name(text: &str) -> Result<String, String> {
+    match node_name(text)?.as_str() {
+        taken @ ("authority" | "manager" | "compositor") => Err(format!("the folder {taken} is for another's keys")),
+        name => Ok(name.to_owned()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::node_name;
+    use super::{board_name, node_name};
 
     #[test]
     fn a_name_that_is_none_is_refused_with_an_example() {
         assert_eq!(node_name("pc1"), Ok("pc1".into()));
         assert!(node_name("PC 1").unwrap_err().contains("left-wall-2"));
+        assert_eq!(board_name("pc1"), Ok("pc1".into()));
+        assert!(board_name("manager").unwrap_err().contains("another's"));
     }
 }
