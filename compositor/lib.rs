@@ -3,7 +3,9 @@
 //! [`stitch`] is the pure part, [`sinks`] write what was stitched, [`manifest`] writes what it was, [`shell`] is the daemon.
 #![forbid(unsafe_code)]
 
+mod backplanes;
 pub mod manifest;
 pub mod shell;
 pub mod sinks;
 pub mod stitch;
+mod terms;

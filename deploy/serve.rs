@@ -139,7 +139,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
     let listen = settings::guard_listen(args.listen, &trust)?;
     let threads = args.threads.unwrap_or_else(processors);
     let config = channel::worker::Config {
-        backplane: settings::guard_peer(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.backplane, &trust)?,
         trust,
         listen,
         advertise: args.advertise.clone(),
@@ -180,7 +180,7 @@ pub(crate) fn machine_memory() -> u64 {
 pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
     let trust = settings::trust(&args.trust, NodeRole::Compositor)?;
     let config = compositor::shell::Config {
-        backplane: settings::guard_peer(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.backplane, &trust)?,
         listen: settings::guard_listen(args.listen, &trust)?,
         trust,
         out: args.out.clone().map(|folder| (folder, args.format)),
@@ -201,12 +201,10 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
 /// `cyclorama host play`.
 pub(crate) fn host_play(args: &HostPlayArgs) -> Result<(), CommandError> {
     let camera = CameraFile::read(&args.file)?;
-    let socket =
-        UdpSocket::bind(("0.0.0.0", 0)).map_err(|error| CommandError::said(format!("no UDP socket: {error}")))?;
-    socket
-        .connect(&args.to)
-        .map_err(|error| CommandError::said(format!("{}: {error}; expected HOST:PORT of a manager", args.to)))?;
-    socket.set_read_timeout(Some(ANSWER_TIMEOUT)).map_err(|error| CommandError::said(error.to_string()))?;
+    if args.lock_step && args.to.len() > 1 {
+        return Err(CommandError::said("in lock-step there is one manager; give one --to"));
+    }
+    let sockets = args.to.iter().map(|to| pose_socket(to)).collect::<Result<Vec<_>, _>>()?;
     if args.supervision.supervised {
         std::thread::spawn(|| {
             // Whether it ends or fails, nobody supervises us any more.
@@ -224,7 +222,9 @@ pub(crate) fn host_play(args: &HostPlayArgs) -> Result<(), CommandError> {
                 std::thread::sleep(due.saturating_duration_since(Instant::now()));
             }
             let packet = camera.packet(k, sequence, args.lock_step, args.size).encode();
-            send_pose(&socket, &packet, sequence, args.lock_step);
+            for socket in &sockets {
+                send_pose(socket, &packet, sequence, args.lock_step);
+            }
             sequence = sequence.wrapping_add(1);
         }
         if !args.repeat {
@@ -234,6 +234,17 @@ pub(crate) fn host_play(args: &HostPlayArgs) -> Result<(), CommandError> {
         std::thread::sleep(if args.lock_step { Duration::ZERO } else { Duration::from_secs_f64(1.0 / args.rate) });
         epoch = Instant::now();
     }
+}
+
+/// A socket to a manager's pose port.
+fn pose_socket(to: &str) -> Result<UdpSocket, CommandError> {
+    let socket =
+        UdpSocket::bind(("0.0.0.0", 0)).map_err(|error| CommandError::said(format!("no UDP socket: {error}")))?;
+    socket
+        .connect(to)
+        .map_err(|error| CommandError::said(format!("{to}: {error}; expected HOST:PORT of a manager")))?;
+    socket.set_read_timeout(Some(ANSWER_TIMEOUT)).map_err(|error| CommandError::said(error.to_string()))?;
+    Ok(socket)
 }
 
 /// Sends a pose; in lock-step again and again until the manager has shown it.
