@@ -675,6 +675,9 @@ pub(crate) struct ChainArgs {
     /// How often the manager is killed and started again
     #[arg(long, default_value = "5", value_name = "N")]
     pub restarts: usize,
+    /// How often a manager that has a stand-by is killed, and how often stopped
+    #[arg(long, default_value = "5", value_name = "N")]
+    pub standbys: usize,
     /// Which boards, and when, follows from this number
     #[arg(long, default_value = "1", value_name = "N")]
     pub seed: u64,

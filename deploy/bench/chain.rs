@@ -1,6 +1,7 @@
 //! `cyclorama bench chain`: a flying rig whose boards are killed, stopped, asked to leave and replaced, at random.
 
 use super::fleet::{self, Fleet, Look, Plan, said};
+use super::pair::Pair;
 use crate::cli::ChainArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
@@ -60,7 +61,23 @@ pub(crate) fn chain(args: &ChainArgs) -> Result<(), CommandError> {
         bench.restart(&mut restarted)?;
     }
     rows.push(restarted.row(What::Restarted));
-    drop(bench);
+    let Bench { fleet, mut random, .. } = bench;
+    drop(fleet);
+    if args.standbys > 0 {
+        note(&format!("{0} times a manager with a stand-by is killed, and {0} times stopped …", args.standbys));
+        let mut pair = Pair::start(Plan::new(&args.fleet, &camera))?;
+        for (what, signal) in [(What::TakenOver, Signal::KILL), (What::BySilence, Signal::STOP)] {
+            let mut times = Times::default();
+            for _ in 0..args.standbys {
+                let change = pair.change(signal, &mut random)?;
+                times.detect.push(change.led_ms);
+                times.repair.push(change.whole_ms);
+                times.resent += change.resent;
+                times.count += 1;
+            }
+            rows.push(times.row(what));
+        }
+    }
     let shown = table(&rows);
     let figures = figures(&rows);
     if args.json {
@@ -73,10 +90,10 @@ pub(crate) fn chain(args: &ChainArgs) -> Result<(), CommandError> {
 }
 
 /// Steele, Lea and Flood's `SplitMix64`: enough to pick boards and moments.
-struct Random(u64);
+pub(super) struct Random(u64);
 
 impl Random {
-    fn next(&mut self) -> u64 {
+    pub(super) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
