@@ -21,6 +21,7 @@ mod pictures;
 mod place;
 mod program;
 mod relay;
+mod standby;
 mod still;
 mod streaming;
 mod transition;
