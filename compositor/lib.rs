@@ -3,8 +3,10 @@
 //! [`stitch`] is the pure part, [`sinks`] write what was stitched, [`manifest`] writes what it was, `preview` makes the console's pictures, [`shell`] is the daemon.
 #![forbid(unsafe_code)]
 
+mod backplanes;
 pub mod manifest;
 mod preview;
 pub mod shell;
 pub mod sinks;
 pub mod stitch;
+mod terms;

@@ -2,28 +2,32 @@
 //!
 //! | task | owns | waits for |
 //! |---|---|---|
-//! | main | stitcher, sinks, the link to the backplane | messages, tiles, shutdown |
+//! | main | stitcher, sinks, whom it follows (`terms`) | messages, tiles, shutdown |
+//! | backplane tasks (`backplanes`) | the link to a backplane each | its words |
 //! | listener | the listening socket | boards |
 //! | one per board | that board's link | tiles; its queue to main is short, so a board that is too fast is held back by TCP |
 //! | png, preview threads | their encoder | pictures; of previews the newest |
 //!
-//! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again.
+//! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again; when a stand-by leads, it
+//! goes on from that picture.
 
+use crate::backplanes::{self, BackplaneEvent, Outbox};
 use crate::manifest::Manifest;
 use crate::preview::Previews;
 use crate::sinks::{FileKind, Files, Picture, SinkError};
-use crate::stitch::Stitcher;
-use ::link::{Arrival, Expected, Incoming, Listener, NodeRole, Roster, Stream, Trust, check_board, denied};
+use crate::stitch::{Shown, Stitcher};
+use crate::terms::{Heed, Terms};
+use ::link::{Arrival, Incoming, Listener, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
 use futures_util::StreamExt;
-use proto::backoff::Backoff;
 use proto::codec;
-use proto::frame::PixelFormat;
-use proto::ids::BoardKey;
+use proto::frame::{FrameRecord, PixelFormat};
+use proto::ids::{BoardKey, FrameNumber};
 use proto::limits;
 use proto::link::{self, Link, LinkError};
-use proto::message::{FromCompositor, Hello, Role, TileMessage, ToCompositor};
-use std::collections::BTreeMap;
+use proto::message::{FromCompositor, TileMessage, ToCompositor};
+use proto::view::ViewSetup;
+use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -45,8 +49,8 @@ const PREVIEW_HEAD_MAX: usize = 64;
 /// How a compositor is set up.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Where the backplane listens, `host:port`.
-    pub backplane: String,
+    /// Where the backplanes listen, `host:port` each: one leads, another may stand by.
+    pub backplanes: Vec<String>,
     /// How links are protected.
     pub trust: Trust,
     /// Where to listen for boards; port 0: any free port.
@@ -68,6 +72,9 @@ pub enum CompositorError {
     /// A file.
     #[error(transparent)]
     Sink(#[from] SinkError),
+    /// The thread that makes the console's pictures.
+    #[error("cannot start a thread: {0}")]
+    Thread(io::Error),
     /// The backplane doesn't want us.
     #[error("the backplane at {0} refused this compositor: {1}")]
     Refused(String, String),
@@ -82,14 +89,38 @@ enum Event {
     Lost(BoardKey, u64),
 }
 
-/// Why one session with a backplane is over.
+/// Why the main task ends.
 enum End {
     Goodbye,
     /// The file writer has failed; its error comes out when it is joined.
     Sink,
-    Lost(LinkError),
-    Shutdown,
     Failed(CompositorError),
+}
+
+/// Records of frames that may wait until who opened them leads.
+const RECORDS_MAX: usize = 256;
+
+/// What a backplane has said; it counts when that leads.
+#[derive(Default)]
+struct Backplane {
+    outbox: Option<Outbox>,
+    views: Vec<ViewSetup>,
+    /// The names in boards' certificates, where there are keys.
+    boards: Vec<(BoardKey, String)>,
+    records: VecDeque<(FrameNumber, FrameRecord)>,
+}
+
+/// The main task.
+struct Shell {
+    config: Config,
+    backplanes: Vec<Backplane>,
+    terms: Terms,
+    stitcher: Stitcher,
+    links: Links,
+    roster: watch::Sender<Roster>,
+    files: Option<Files>,
+    manifest: Option<Manifest>,
+    previews: Previews,
 }
 
 /// Runs until `shutdown`, or until the rig ends when `config.once`. Returns the number of files written.
@@ -105,214 +136,248 @@ pub async fn run(
     let listener = TcpListener::bind(config.listen).await.map_err(cannot_listen)?;
     let address = listener.local_addr().map_err(cannot_listen)?;
     listening(address);
-    let (events, mut inbox) = mpsc::channel(TILE_QUEUE);
+    let (events, inbox) = mpsc::channel(TILE_QUEUE);
     let roster = watch::Sender::new(Roster::new());
     let listener = Listener::new(listener, config.trust.clone());
     let accepting = tokio::spawn(accept(listener, events, roster.subscribe()));
 
-    let mut files = match &config.out {
+    let files = match &config.out {
         Some((folder, kind)) => Some(Files::new(folder.clone(), *kind)?),
         None => None,
     };
-    let mut manifest = match &config.manifest {
+    let manifest = match &config.manifest {
         Some(path) => Some(Manifest::create(path)?),
         None => None,
     };
     let format = config.out.as_ref().map_or(PixelFormat::Srgb8, |(_, kind)| kind.format());
-    let mut stitcher = Stitcher::new(format);
-    let mut links = Links::new();
-    let mut backoff = Backoff::new(u64::from(std::process::id()));
-    let result = loop {
-        let sinks = (files.as_ref(), manifest.as_mut());
-        let session = session(&config, address, &mut stitcher, &mut links, &mut inbox, &roster, sinks, &mut backoff);
-        let end = tokio::select! {
-            end = session => end,
-            () = shutdown.cancelled() => End::Shutdown,
-        };
-        // The next backplane calls boards by other keys.
-        roster.send_replace(Roster::new());
-        match end {
-            End::Shutdown | End::Sink => break Ok(()),
-            End::Failed(error) => break Err(error),
-            End::Goodbye if config.once => break Ok(()),
-            End::Goodbye => tracing::info!("the rig has ended; waiting for the next"),
-            End::Lost(error) => tracing::debug!(%error, "no backplane"),
-        }
-        tokio::select! {
-            () = tokio::time::sleep(backoff.next_wait()) => {}
-            () = shutdown.cancelled() => break Ok(()),
-        }
+    let said = backplanes::keep(&config, address, format);
+    let (made, previews_made) = mpsc::channel(1);
+    let previews = Previews::start(made).map_err(CompositorError::Thread)?;
+    let mut shell = Shell {
+        backplanes: config.backplanes.iter().map(|_| Backplane::default()).collect(),
+        terms: Terms::new(config.backplanes.len()),
+        config,
+        stitcher: Stitcher::new(format),
+        links: Links::new(),
+        roster,
+        files,
+        manifest,
+        previews,
+    };
+    let end = tokio::select! {
+        end = shell.serve(said, inbox, previews_made) => Some(end),
+        () = shutdown.cancelled() => None,
     };
     accepting.abort();
-    let written = match files.take() {
+    let written = match shell.files.take() {
         // The disk may be slow; the runtime must not wait for it on its own thread.
         Some(files) => tokio::task::spawn_blocking(|| files.finish()).await.unwrap_or(Ok(0))?,
         None => 0,
     };
-    result.map(|()| written)
+    match end {
+        Some(End::Failed(error)) => Err(error),
+        Some(End::Goodbye | End::Sink) | None => Ok(written),
+    }
 }
 
-async fn session(
-    config: &Config,
-    address: SocketAddr,
-    stitcher: &mut Stitcher,
-    links: &mut Links,
-    inbox: &mut mpsc::Receiver<Event>,
-    roster: &watch::Sender<Roster>,
-    (files, mut manifest): (Option<&Files>, Option<&mut Manifest>),
-    backoff: &mut Backoff,
-) -> End {
-    let mut backplane = match tokio::time::timeout(GREETING_TIMEOUT, greet(config, address, stitcher.format())).await {
-        Err(_) => return End::Lost(LinkError::Closed),
-        Ok(Err(error)) => return End::Lost(error),
-        Ok(Ok(Err(reason))) => return End::Failed(CompositorError::Refused(config.backplane.clone(), reason)),
-        Ok(Ok(Ok(link))) => link,
-    };
-    backoff.reset();
-    tracing::info!(backplane = %config.backplane, "connected");
-    let (made, mut previews_made) = mpsc::channel(1);
-    let previews = match Previews::start(made) {
-        Ok(previews) => previews,
-        Err(error) => return End::Lost(LinkError::Io(error)),
-    };
-    loop {
-        tokio::select! {
-            message = link::receive::<ToCompositor>(&mut backplane) => match message {
-                Err(error) => return End::Lost(error),
-                Ok(None) => return End::Lost(LinkError::Closed),
-                Ok(Some((ToCompositor::Welcome, _))) => {}
-                Ok(Some((ToCompositor::Refused { reason }, _))) => {
-                    return End::Failed(CompositorError::Refused(config.backplane.clone(), reason));
-                }
-                Ok(Some((ToCompositor::Views(views), _))) => {
-                    if !stitcher.set_views(&views) {
-                        tracing::error!("the views make a picture too large to stitch");
+impl Shell {
+    async fn serve(
+        &mut self,
+        mut said: mpsc::Receiver<BackplaneEvent>,
+        mut inbox: mpsc::Receiver<Event>,
+        mut previews_made: mpsc::Receiver<(FrameNumber, Vec<u8>)>,
+    ) -> End {
+        loop {
+            tokio::select! {
+                Some(event) = said.recv() => {
+                    if let Err(end) = self.on_backplane(event) {
+                        return end;
                     }
                 }
-                Ok(Some((ToCompositor::Record { frame, record }, _))) => {
-                    if let Some(manifest) = &mut manifest {
-                        manifest.on_record(frame, record);
+                Some(event) = inbox.recv() => self.on_event(event),
+                // Of a picture far higher than wide it may be larger than the backplane takes; then the console does without.
+                Some((frame, jpeg)) = previews_made.recv() => {
+                    if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX {
+                        self.report(&FromCompositor::Preview { frame }, &jpeg);
                     }
                 }
-                Ok(Some((ToCompositor::Boards(names), _))) => {
-                    roster.send_replace(names.into_iter().collect());
+            }
+            let started = Instant::now();
+            while let Some(shown) = self.stitcher.poll() {
+                let stitch_ns = started.elapsed().as_nanos() as u64;
+                if let Err(end) = self.hand_out(&shown).await {
+                    return end;
                 }
-                Ok(Some((ToCompositor::Swap(swap), _))) => stitcher.on_swap(swap),
-                Ok(Some((ToCompositor::Goodbye, _))) => return End::Goodbye,
+                self.report(&FromCompositor::Presented { frame: shown.frame, stitch_ns }, &[]);
+                // Behind that word: no frame waits for a look.
+                if shown.preview {
+                    self.previews.offer(self.picture(shown.frame));
+                }
+            }
+        }
+    }
+
+    /// Says something to the backplane that leads.
+    fn report(&self, message: &FromCompositor, payload: &[u8]) {
+        let leader = self.terms.followed().and_then(|index| self.backplanes[index].outbox.as_ref());
+        if let Some(outbox) = leader {
+            outbox.send(codec::encode(message, payload));
+        }
+    }
+
+    /// Gives what is on the canvas to all sinks.
+    async fn hand_out(&mut self, shown: &Shown) -> Result<(), End> {
+        if let Some(manifest) = &mut self.manifest {
+            manifest.write(shown, &self.stitcher).map_err(|error| End::Failed(error.into()))?;
+        }
+        if let Some(files) = &self.files
+            && !files.write(Arc::new(self.picture(shown.frame))).await
+        {
+            return Err(End::Sink);
+        }
+        Ok(())
+    }
+
+    fn picture(&self, frame: FrameNumber) -> Picture {
+        let ((width, height), format) = (self.stitcher.size(), self.stitcher.format());
+        Picture { frame, width, height, format, pixels: self.stitcher.canvas().to_vec() }
+    }
+
+    fn on_backplane(&mut self, event: BackplaneEvent) -> Result<(), End> {
+        let is_only = self.backplanes.len() == 1;
+        match event {
+            BackplaneEvent::Up(index, outbox) => {
+                tracing::info!(backplane = %self.config.backplanes[index], "connected");
+                self.backplanes[index].outbox = Some(outbox);
+            }
+            BackplaneEvent::Refused(index, reason) => {
+                let backplane = self.config.backplanes[index].clone();
+                if is_only {
+                    return Err(End::Failed(CompositorError::Refused(backplane, reason)));
+                }
+                tracing::warn!(%backplane, %reason, "refused by one of the backplanes");
+            }
+            BackplaneEvent::Down(index, error) => {
+                tracing::debug!(backplane = %self.config.backplanes[index], %error, "no backplane");
+                // The next one calls boards by other keys.
+                self.backplanes[index] = Backplane::default();
+                self.terms.on_lost(index);
+                self.tell_roster();
+            }
+            BackplaneEvent::Said(index, message) => return self.on_message(index, message, is_only),
+        }
+        Ok(())
+    }
+
+    fn on_message(&mut self, index: usize, message: ToCompositor, is_only: bool) -> Result<(), End> {
+        let is_leader = self.terms.followed() == Some(index);
+        match message {
+            ToCompositor::Welcome => {}
+            ToCompositor::Refused { reason } => {
+                return self.on_backplane(BackplaneEvent::Refused(index, reason));
+            }
+            ToCompositor::Views(views) => {
+                self.backplanes[index].views = views;
+                // The first tiles come before the first swap.
+                if is_leader || is_only || self.terms.followed().is_none() {
+                    self.take_views(index);
+                }
+            }
+            ToCompositor::Record { frame, record } if is_leader => {
+                if let Some(manifest) = &mut self.manifest {
+                    manifest.on_record(frame, record);
+                }
+            }
+            ToCompositor::Record { frame, record } => {
+                let records = &mut self.backplanes[index].records;
+                if records.len() >= RECORDS_MAX {
+                    records.pop_front();
+                }
+                records.push_back((frame, record));
+            }
+            ToCompositor::Boards(names) => {
+                self.backplanes[index].boards = names;
+                self.tell_roster();
+            }
+            ToCompositor::Swap(swap) => match self.terms.on_swap(index, &swap) {
+                Heed::Ignore => {}
+                Heed::Follow => self.stitcher.on_swap(swap),
+                Heed::Begin => {
+                    tracing::info!(backplane = %self.config.backplanes[index], frame = %swap.frame, "following");
+                    self.begin(index);
+                    self.stitcher.on_swap(swap);
+                }
             },
-            Some(event) = inbox.recv() => {
-                if let Err(error) = on_event(stitcher, links, &mut backplane, event).await {
-                    return End::Lost(error);
-                }
-            }
-            // Of a picture far higher than wide it may be larger than the backplane takes; then the console does without.
-            Some((frame, jpeg)) = previews_made.recv() => {
-                let preview = FromCompositor::Preview { frame };
-                if jpeg.len() + PREVIEW_HEAD_MAX <= limits::PREVIEW_MAX
-                    && let Err(error) = link::send(&mut backplane, &preview, &jpeg).await
-                {
-                    return End::Lost(error);
-                }
+            ToCompositor::Goodbye if is_only && self.config.once => return Err(End::Goodbye),
+            ToCompositor::Goodbye => {
+                tracing::info!(backplane = %self.config.backplanes[index], "the rig has ended; waiting for the next");
+                self.backplanes[index].outbox = None;
             }
         }
-        let started = Instant::now();
-        while let Some(shown) = stitcher.poll() {
-            let stitch_ns = started.elapsed().as_nanos() as u64;
-            if let Some(manifest) = &mut manifest
-                && let Err(error) = manifest.write(&shown, stitcher)
-            {
-                return End::Failed(error.into());
-            }
-            let picture = || {
-                let ((width, height), format) = (stitcher.size(), stitcher.format());
-                Picture { frame: shown.frame, width, height, format, pixels: stitcher.canvas().to_vec() }
-            };
-            if let Some(files) = files
-                && !files.write(Arc::new(picture())).await
-            {
-                return End::Sink;
-            }
-            let presented = FromCompositor::Presented { frame: shown.frame, stitch_ns };
-            if let Err(error) = link::send(&mut backplane, &presented, &[]).await {
-                return End::Lost(error);
-            }
-            // Behind that word: no frame waits for a look.
-            if shown.preview {
-                previews.offer(picture());
+        Ok(())
+    }
+
+    /// Another backplane leads than before: what it has said counts.
+    fn begin(&mut self, index: usize) {
+        self.stitcher.forget_swaps();
+        self.take_views(index);
+        for (frame, record) in std::mem::take(&mut self.backplanes[index].records) {
+            if let Some(manifest) = &mut self.manifest {
+                manifest.on_record(frame, record);
             }
         }
     }
-}
 
-async fn greet(
-    config: &Config,
-    address: SocketAddr,
-    format: PixelFormat,
-) -> Result<Result<Link<Stream>, String>, LinkError> {
-    let stream = config.trust.connect(&config.backplane, &Expected::any(NodeRole::Manager)).await?;
-    // Listening on any address, we are reached at the one that reaches the backplane.
-    let ip = if address.ip().is_unspecified() { stream.local_addr()?.ip() } else { address.ip() };
-    let listen = SocketAddr::new(ip, address.port()).to_string();
-    let mut backplane = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-    let hello = Hello {
-        name: "compositor".into(),
-        role: Role::Compositor { listen, format, records: config.manifest.is_some() },
-    };
-    link::send(&mut backplane, &hello, &[]).await?;
-    match link::expect(&mut backplane).await?.0 {
-        ToCompositor::Refused { reason } => Ok(Err(reason)),
-        _ => Ok(Ok(backplane)),
-    }
-}
-
-async fn on_event(
-    stitcher: &mut Stitcher,
-    links: &mut Links,
-    backplane: &mut Link<Stream>,
-    event: Event,
-) -> Result<(), LinkError> {
-    match event {
-        Event::Board(key, link, cut) => {
-            if let Some((_, old)) = links.insert(key, (link, cut)) {
-                old.cancel();
-            }
-            stitcher.on_board(key);
+    fn take_views(&mut self, index: usize) {
+        let views = &self.backplanes[index].views;
+        if !views.is_empty() && !self.stitcher.set_views(views) {
+            tracing::error!("the views make a picture too large to stitch");
         }
-        Event::Message(key, link, message, payload) if is_current(links, key, link) => match message {
-            TileMessage::Tiles { frame, epoch, view, count, size, format } => {
-                if let Err(error) = stitcher.on_tiles(key, frame, epoch, view, count, size, format, payload) {
-                    tracing::warn!(%key, %error, "tiles refused: the board's link is dropped");
-                    drop_board(stitcher, links, backplane, key).await?;
+    }
+
+    fn tell_roster(&self) {
+        let names = self.backplanes.iter().flat_map(|backplane| backplane.boards.iter().cloned());
+        self.roster.send_replace(names.collect());
+    }
+
+    fn on_event(&mut self, event: Event) {
+        match event {
+            Event::Board(key, link, cut) => {
+                if let Some((_, old)) = self.links.insert(key, (link, cut)) {
+                    old.cancel();
                 }
+                self.stitcher.on_board(key);
             }
-            TileMessage::Done { frame, epoch } => stitcher.on_done(key, frame, epoch),
-            TileMessage::Hello { .. } => {}
-        },
-        Event::Lost(key, link) if is_current(links, key, link) => drop_board(stitcher, links, backplane, key).await?,
-        // Of a link that has been replaced meanwhile.
-        Event::Message(..) | Event::Lost(..) => {}
+            Event::Message(key, link, message, payload) if self.is_current(key, link) => match message {
+                TileMessage::Tiles { frame, epoch, view, count, size, format } => {
+                    let taken = self.stitcher.on_tiles(key, frame, epoch, view, count, size, format, payload);
+                    if let Err(error) = taken {
+                        tracing::warn!(%key, %error, "tiles refused: the board's link is dropped");
+                        self.drop_board(key);
+                    }
+                }
+                TileMessage::Done { frame, epoch } => self.stitcher.on_done(key, frame, epoch),
+                TileMessage::Hello { .. } => {}
+            },
+            Event::Lost(key, link) if self.is_current(key, link) => self.drop_board(key),
+            // Of a link that has been replaced meanwhile.
+            Event::Message(..) | Event::Lost(..) => {}
+        }
     }
-    Ok(())
-}
 
-fn is_current(links: &Links, key: BoardKey, link: u64) -> bool {
-    links.get(&key).is_some_and(|(current, _)| *current == link)
-}
+    fn is_current(&self, key: BoardKey, link: u64) -> bool {
+        self.links.get(&key).is_some_and(|(current, _)| *current == link)
+    }
 
-/// Ends a board's link and says which frames can't be shown for it. The board connects again and sends all its tiles.
-async fn drop_board(
-    stitcher: &mut Stitcher,
-    links: &mut Links,
-    backplane: &mut Link<Stream>,
-    key: BoardKey,
-) -> Result<(), LinkError> {
-    if let Some((_, cut)) = links.remove(&key) {
-        cut.cancel();
+    /// Ends a board's link and says which frames can't be shown for it. The board connects again and sends all its tiles.
+    fn drop_board(&mut self, key: BoardKey) {
+        if let Some((_, cut)) = self.links.remove(&key) {
+            cut.cancel();
+        }
+        for frame in self.stitcher.on_lost(key) {
+            self.report(&FromCompositor::Missing { frame }, &[]);
+        }
     }
-    for frame in stitcher.on_lost(key) {
-        link::send(backplane, &FromCompositor::Missing { frame }, &[]).await?;
-    }
-    Ok(())
 }
 
 async fn accept(mut listener: Listener, events: mpsc::Sender<Event>, roster: watch::Receiver<Roster>) {

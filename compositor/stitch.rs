@@ -225,6 +225,11 @@ impl Stitcher {
         self.swaps.push_back(swap);
     }
 
+    /// Forgets the swaps that wait for tiles: whoever said them no longer leads.
+    pub fn forget_swaps(&mut self) {
+        self.swaps.clear();
+    }
+
     /// Carries out the newest swap whose tiles are all there.
     pub fn poll(&mut self) -> Option<Shown> {
         let newest = (0..self.swaps.len()).rev().find(|i| self.is_satisfied(&self.swaps[*i]))?;

@@ -234,7 +234,7 @@ pub(crate) enum Console {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama manager --rig rig.toml\n  cyclorama manager --scene airport --views 3\n  cyclorama manager --listen 0.0.0.0:7400 --keys desk\n\nPorts: 7400 boards and compositor (TCP), 7401 pose packets (UDP), 7480 console (HTTP)."
+    after_help = "Examples:\n  cyclorama manager --rig rig.toml\n  cyclorama manager --scene airport --views 3\n  cyclorama manager --listen 0.0.0.0:7400 --keys desk\n  cyclorama manager --rig rig.toml --standby desk:7400    # takes over when the manager there dies\n\nBoards, compositor and host must know both: channel and compositor with --backplane twice, host play with --to twice.\n\nPorts: 7400 boards and compositor (TCP), 7401 pose packets (UDP), 7480 console (HTTP)."
 )]
 pub(crate) struct ManagerArgs {
     /// Rig file (TOML); flags override what it says
@@ -277,6 +277,10 @@ pub(crate) struct ManagerArgs {
     /// Hold the first frame until the compositor is there
     #[arg(long)]
     pub wait_for_compositor: bool,
+    /// Stand by for the manager whose backplane is there, and lead when it dies or falls silent; without an address, for that of the rig file. It
+    /// listens at 7410, 7411 and 7490, or where `standby` in the rig file says
+    #[arg(long, env = "CYCLORAMA_STANDBY", value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "", conflicts_with_all = ["lock_step", "frames"])]
+    pub standby: Option<String>,
     /// Where boards and the compositor connect (TCP)
     #[arg(long, env = "CYCLORAMA_LISTEN", value_name = "ADDR")]
     pub listen: Option<SocketAddr>,
@@ -312,12 +316,18 @@ pub(crate) struct Supervision {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama channel --backplane 127.0.0.1:7400\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1"
+    after_help = "Examples:\n  cyclorama channel --backplane 127.0.0.1:7400\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1\n  cyclorama channel --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys pc1"
 )]
 pub(crate) struct ChannelArgs {
-    /// Where the backplane listens
-    #[arg(long, env = "CYCLORAMA_BACKPLANE", default_value = "127.0.0.1:7400", value_name = "HOST:PORT")]
-    pub backplane: String,
+    /// Where the backplane listens; given twice, or with a comma between: that of the stand-by too
+    #[arg(
+        long,
+        env = "CYCLORAMA_BACKPLANE",
+        default_value = "127.0.0.1:7400",
+        value_name = "HOST:PORT",
+        value_delimiter = ','
+    )]
+    pub backplane: Vec<String>,
     /// Where to listen for the neighbour board
     #[arg(long, env = "CYCLORAMA_LISTEN", default_value = "127.0.0.1:0", value_name = "ADDR")]
     pub listen: SocketAddr,
@@ -345,12 +355,18 @@ pub(crate) struct ChannelArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --backplane desk:7400 --listen 0.0.0.0:0 --keys wall"
+    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys wall"
 )]
 pub(crate) struct CompositorArgs {
-    /// Where the backplane listens
-    #[arg(long, env = "CYCLORAMA_BACKPLANE", default_value = "127.0.0.1:7400", value_name = "HOST:PORT")]
-    pub backplane: String,
+    /// Where the backplane listens; given twice, or with a comma between: that of the stand-by too
+    #[arg(
+        long,
+        env = "CYCLORAMA_BACKPLANE",
+        default_value = "127.0.0.1:7400",
+        value_name = "HOST:PORT",
+        value_delimiter = ','
+    )]
+    pub backplane: Vec<String>,
     /// Where to listen for boards
     #[arg(long, env = "CYCLORAMA_LISTEN", default_value = "127.0.0.1:0", value_name = "ADDR")]
     pub listen: SocketAddr,
@@ -377,14 +393,14 @@ pub(crate) enum HostCommand {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama host play flight.json --to 127.0.0.1:7401 --rate 60 --repeat\n  cyclorama host play airport --repeat"
+    after_help = "Examples:\n  cyclorama host play flight.json --to 127.0.0.1:7401 --rate 60 --repeat\n  cyclorama host play airport --repeat\n  cyclorama host play flight.json --to desk:7401 --to spare:7401 --repeat    # a manager and its stand-by"
 )]
 pub(crate) struct HostPlayArgs {
     /// The camera file, or the name of a built-in scene: its own path
     pub file: PathBuf,
-    /// Where the manager takes pose packets
-    #[arg(long, default_value = "127.0.0.1:7401", value_name = "HOST:PORT")]
-    pub to: String,
+    /// Where the manager takes pose packets; given twice, or with a comma between: the stand-by too
+    #[arg(long, default_value = "127.0.0.1:7401", value_name = "HOST:PORT", value_delimiter = ',')]
+    pub to: Vec<String>,
     /// Poses a second, for files without times; files with times are flown by those
     #[arg(long, default_value_t = 60.0, value_name = "HZ", value_parser = rate)]
     pub rate: f64,
@@ -705,6 +721,9 @@ pub(crate) struct ChainArgs {
     /// How often something is done in such a flight, s
     #[arg(long, default_value = "5", value_name = "S", value_parser = positive)]
     pub every: f64,
+    /// How often a manager that has a stand-by is killed, and how often stopped
+    #[arg(long, default_value = "5", value_name = "N")]
+    pub standbys: usize,
     /// Which boards, and when, follows from this number
     #[arg(long, default_value = "1", value_name = "N")]
     pub seed: u64,

@@ -18,7 +18,10 @@ const LOOK_PERIOD: Duration = Duration::from_secs(1);
 /// `cyclorama host play`.
 pub(crate) fn play(args: &HostPlayArgs) -> Result<(), CommandError> {
     let camera = source::camera(&args.file)?;
-    let outlet = Outlet::open(&args.to)?;
+    if args.lock_step && args.to.len() > 1 {
+        return Err(CommandError::said("in lock-step there is one manager; give one --to"));
+    }
+    let outlets = args.to.iter().map(|to| Outlet::open(to)).collect::<Result<Vec<_>, _>>()?;
     end_when_told(args.supervision)?;
     let mut sequence = 0;
     let mut epoch = Instant::now();
@@ -30,7 +33,9 @@ pub(crate) fn play(args: &HostPlayArgs) -> Result<(), CommandError> {
                 std::thread::sleep(due.saturating_duration_since(Instant::now()));
             }
             let packet = camera.packet(k, sequence, args.lock_step, args.size).encode();
-            outlet.send(&packet, sequence, args.lock_step);
+            for outlet in &outlets {
+                outlet.send(&packet, sequence, args.lock_step);
+            }
             sequence = sequence.wrapping_add(1);
         }
         if !args.repeat {

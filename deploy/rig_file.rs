@@ -39,6 +39,9 @@ pub(crate) struct RigFile {
     pub air: Air,
     #[serde(default)]
     pub ports: Ports,
+    /// Likewise of the stand-by.
+    #[serde(default)]
+    pub standby: Ports,
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]

@@ -31,6 +31,8 @@ const RATE_HZ: f64 = 60.0;
 const LOWEST_RESOLUTION: u32 = 2;
 const PORT_BACKPLANE: u16 = 7400;
 const PORT_POSE: u16 = 7401;
+/// How far above a manager's a stand-by's ports are, so that both can be on one machine.
+const PORTS_STANDBY: u16 = 10;
 /// Default port of the console.
 pub(crate) const PORT_CONSOLE: u16 = 7480;
 
@@ -61,6 +63,33 @@ pub(crate) fn guard_peer(address: &str, trust: &Trust) -> Result<String, Command
         return Err(unprotected(address));
     }
     Ok(address.to_owned())
+}
+
+/// The backplanes that a daemon connects to.
+pub(crate) fn backplanes(addresses: &[String], trust: &Trust) -> Result<Vec<String>, CommandError> {
+    let addresses = addresses.iter().map(|address| guard_peer(address, trust)).collect::<Result<Vec<_>, _>>()?;
+    match &addresses[..] {
+        [_] => Ok(addresses),
+        [first, second] if first != second => Ok(addresses),
+        [first, _] => Err(CommandError::said(format!("--backplane {first} is given twice; give the stand-by's"))),
+        _ => Err(CommandError::said(format!(
+            "{} backplanes; there can be two: one leads, and one stands by",
+            addresses.len()
+        ))),
+    }
+}
+
+/// For whom a manager stands by, if it does.
+fn stands_by_for(args: &ManagerArgs, file: &RigFile, trust: &Trust) -> Result<Option<String>, CommandError> {
+    let Some(given) = &args.standby else { return Ok(None) };
+    let leader = file.ports.backplane.unwrap_or(loopback(PORT_BACKPLANE));
+    if given.is_empty() && leader.ip().is_unspecified() {
+        return Err(CommandError::said(format!(
+            "the rig file's manager listens at {leader}, which doesn't say where it is: give its address, --standby HOST:PORT"
+        )));
+    }
+    let address = if given.is_empty() { leader.to_string() } else { given.clone() };
+    guard_peer(&address, trust).map(Some)
 }
 
 fn unprotected(address: impl std::fmt::Display) -> CommandError {
@@ -206,17 +235,24 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
     let file = args.rig.as_deref().map(RigFile::read).transpose()?.unwrap_or_default();
     let scene = args.scene.clone().or(file.scene.clone()).unwrap_or_else(|| "airport".into());
     let camera = args.camera.clone().or(file.camera.clone().map(PathBuf::from));
-    let listen = args.listen.or(file.ports.backplane).unwrap_or(loopback(PORT_BACKPLANE));
-    let pose_listen = args.pose_listen.or(file.ports.pose).unwrap_or(loopback(PORT_POSE));
-    let console = match (args.console, file.ports.console) {
+    let (ports, above) = if args.standby.is_some() { (&file.standby, PORTS_STANDBY) } else { (&file.ports, 0) };
+    let listen = args.listen.or(ports.backplane).unwrap_or(loopback(PORT_BACKPLANE + above));
+    let pose_listen = args.pose_listen.or(ports.pose).unwrap_or(loopback(PORT_POSE + above));
+    let console = match (args.console, ports.console) {
         (Some(Console::Off), _) => None,
         (Some(Console::At(address)), _) | (None, Some(address)) => Some(address),
-        (None, None) => Some(loopback(PORT_CONSOLE)),
+        (None, None) => Some(loopback(PORT_CONSOLE + above)),
     };
     let mut trusting = args.trust.clone();
     trusting.keys = trusting.keys.or(file.keys.clone().map(PathBuf::from));
     let trust = trust(&trusting, NodeRole::Manager)?;
     guard_listen(listen, &trust)?;
+    let stands_by_for = stands_by_for(args, &file, &trust)?;
+    if stands_by_for.as_ref().is_some_and(|leader| *leader == listen.to_string()) {
+        return Err(CommandError::said(format!(
+            "this manager listens at {listen} itself; --standby takes the address of the one that leads"
+        )));
+    }
     guard_open(pose_listen, "pose packets are", trusting.insecure)?;
     if let Some(address) = console {
         guard_open(address, "the console is", trusting.insecure)?;
@@ -240,6 +276,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         scale_max: scale_max(args, &file)?,
         board_memory: board_memory(args, &file)?,
         trust,
+        stands_by_for,
         listen,
         pose_listen,
         console_listen: console,

@@ -4,7 +4,7 @@
 use crate::chain::{Answer, Ask, FromBoardChain, ToBoardChain};
 use crate::codec::{CodecError, Reader, put_affine, take_affine, within};
 use crate::frame::{FrameRecord, FrameState, Moved, PixelFormat, TileIndex, VersionWeights};
-use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, ViewId};
+use crate::ids::{BoardKey, ContentId, Epoch, FrameNumber, ModelId, ObjectId, Term, ViewId};
 use crate::limits;
 use crate::piece::SliceHeader;
 use crate::view::ViewSetup;
@@ -41,6 +41,8 @@ pub enum Role {
         /// Whether it wants to know what each frame's picture depends on.
         records: bool,
     },
+    /// Another backplane. Both then say [`crate::chain::BetweenBackplanes`], whichever of them leads.
+    Backplane,
 }
 
 /// Backplane → board.
@@ -88,9 +90,11 @@ pub enum ToBoard {
 /// Board → backplane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum FromBoard {
-    /// First, after the welcome: what has been kept. Payload: [`crate::codec::encode_ids`], at most
-    /// [`limits::PIECE_NAMES_MAX`] of them.
+    /// After the welcome, if no other backplane is served, and whenever this one begins to be: what has been kept. Payload:
+    /// [`crate::codec::encode_ids`], at most [`limits::PIECE_NAMES_MAX`] of them.
     Holding {
+        /// The term that the board serves. Whoever leads by another one wasn't meant.
+        term: Term,
         /// The scene whose tables are here.
         scene: Option<ContentId>,
         /// Whether another such message follows.

@@ -2,7 +2,8 @@
 //!
 //! | thread or task | owns | waits for |
 //! |---|---|---|
-//! | main task (`session`) | the link to the backplane, the chain's core | messages, neighbours, the painter, shutdown |
+//! | main task (`session`) | a session with each backplane, whom it serves (`terms`) | messages, neighbours, the painter, shutdown |
+//! | backplane tasks (`backplanes`) | the link to a backplane each | its words |
 //! | neighbour tasks (`neighbours`) | the listening socket, one link each | a neighbour's words |
 //! | outlet task (`outlet`) | the link to the compositor | tiles from the painter |
 //! | painter thread (`painter`) | the scene store, the lists (`follow`), the pictures | work, in the order in which it came |
@@ -10,27 +11,30 @@
 //! | renderer threads | their tiles | the painter |
 //!
 //! Nothing is drawn on tokio's threads. When the backplane is gone the board keeps its scene and its last picture, and knocks
-//! again with a jittered back-off; when it is let in, only what it lacks is sent.
+//! again with a jittered back-off; when it is let in, or the stand-by leads, only what it lacks is sent.
 //!
-//! Shutdown travels as one [`CancellationToken`]: the session asks to leave, waits for the backplane's goodbye at
+//! Shutdown travels as one [`CancellationToken`]: the main task asks to leave, waits for the backplane's goodbye at
 //! most 0.7 s, and drops everything else.
 
+mod backplanes;
 mod follow;
 mod loader;
 mod neighbours;
 mod outlet;
 mod painter;
 mod session;
+mod terms;
 
 use crate::pipeline::Renderer;
 use crate::simd::SimdLevel;
+use backplanes::Backplanes;
 use link::Trust;
 use neighbours::Neighbours;
 use painter::Painter;
-use proto::backoff::Backoff;
-use session::{End, Session};
+use session::Board;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 use tokio::net::TcpListener;
@@ -42,8 +46,8 @@ const LEAVE_TIMEOUT: Duration = Duration::from_millis(700);
 /// How a board is set up.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Where the backplane listens, `host:port`.
-    pub backplane: String,
+    /// Where the backplanes listen, `host:port` each: one leads, another may stand by.
+    pub backplanes: Vec<String>,
     /// How links are protected.
     pub trust: Trust,
     /// Where to listen for the right neighbour; port 0: any free port.
@@ -93,37 +97,10 @@ pub async fn run(
     let address = listener.local_addr().map_err(cannot_listen)?;
     let mut renderer = Renderer::new(config.threads).map_err(|error| WorkerError::Threads(error.to_string()))?;
     renderer.set_simd(config.simd);
-    let mut painter =
-        Painter::start(renderer, config.memory).map_err(|error| WorkerError::Threads(error.to_string()))?;
-    let mut neighbours = Neighbours::listen(listener, config.trust.clone());
+    let painter = Painter::start(renderer, config.memory).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    let neighbours = Neighbours::listen(listener, config.trust.clone());
     listening(address);
-
-    let mut backoff = Backoff::new(u64::from(std::process::id()));
-    loop {
-        let opened = tokio::select! {
-            opened = Session::open(&config, address) => opened,
-            () = shutdown.cancelled() => return Ok(()),
-        };
-        let end = match opened {
-            Err(error) => End::Lost(error),
-            Ok(session) => {
-                backoff.reset();
-                session.run(&mut painter, &mut neighbours, &shutdown).await
-            }
-        };
-        neighbours.close_all();
-        painter.forget_session();
-        match end {
-            End::Shutdown => return Ok(()),
-            End::Goodbye if config.once => return Ok(()),
-            End::Goodbye => tracing::info!("the rig has ended; waiting for the next"),
-            End::Refused(reason) => return Err(WorkerError::Refused(config.backplane.clone(), reason)),
-            End::Painter => return Err(WorkerError::Painter),
-            End::Lost(error) => tracing::info!(backplane = %config.backplane, %error, "no backplane; trying again"),
-        }
-        tokio::select! {
-            () = tokio::time::sleep(backoff.next_wait()) => {}
-            () = shutdown.cancelled() => return Ok(()),
-        }
-    }
+    let config = Arc::new(config);
+    let backplanes = Backplanes::keep(&config, address);
+    Board::new(config, painter, neighbours).run(backplanes, &shutdown).await
 }

@@ -19,7 +19,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 const QUEUE: usize = 4;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Keeps a link to the compositor at `address` until dropped.
+/// Keeps a link to the compositor at `address` until dropped. Who drops it tells the painter.
 pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sender<Work>, trust: Trust) -> DropGuard {
     let cut = CancellationToken::new();
     let ended = cut.clone();
@@ -38,8 +38,10 @@ pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sen
             }
         };
         tokio::select! {
+            // First: nothing of this link may reach the painter after the next one's.
+            biased;
+            () = ended.cancelled() => {}
             () = keeping => {}
-            () = ended.cancelled() => drop(painter.send(Work::Outlet(None))),
         }
     });
     cut.drop_guard()

@@ -1,147 +1,143 @@
-//! One session with a backplane, from hello to the end of the link.
+//! What the backplanes say, and what is done for the one that is served.
+//!
+//! There is a session for each backplane that is there: it is beaten to, and asked and answered. Only the session that is served ([`Terms`])
+//! has a wiring, neighbours, a link to the compositor and work for the painter; when another begins to be served, all that is dropped, but
+//! neither the scene nor the last picture. A backplane hears what the board holds when it begins to be served, or when nobody is.
 
-use super::neighbours::{NeighbourEvent, Neighbours};
-use super::painter::{Painted, Painter, Work};
-use super::{Config, LEAVE_TIMEOUT, outlet};
-use ::link::{Expected, NodeRole, Stream, Trust};
+mod service;
+
+use super::backplanes::{BackplaneEvent, Backplanes, Outbox};
+use super::neighbours::Neighbours;
+use super::painter::{Painter, Work};
+use super::terms::{Heed, Terms};
+use super::{Config, LEAVE_TIMEOUT, WorkerError, outlet};
 use bytes::Bytes;
-use proto::chain::{BoardChain, BoardOutput, Left, ToBoardChain};
-use proto::codec::{CodecError, decode_ids, encode_ids};
-use proto::ids::BoardKey;
-use proto::limits;
-use proto::link::{self, Link, LinkError};
-use proto::message::{FrameHeader, FromBoard, Hello, Role, ToBoard};
-use proto::piece::{Assembler, SliceHeader};
-use proto::share::shares;
+use proto::chain::{Answer, BoardChain, BoardOutput};
+use proto::codec::{CodecError, encode};
+use proto::ids::{BoardKey, Term};
+use proto::link::LinkError;
+use proto::message::{FromBoard, ToBoard};
 use proto::time::Time;
-use proto::view::ViewSetup;
-use std::net::SocketAddr;
-use std::time::{Duration, Instant};
-use tokio_util::sync::{CancellationToken, DropGuard};
+use service::Service;
+use std::sync::Arc;
+use std::time::Instant;
+use tokio_util::sync::CancellationToken;
 
-const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
-/// A backplane that beats, and then says nothing for so long, is cut off: it has put us out by now, and its word of that is lost. Longer than a
-/// busy machine keeps a process waiting.
-const BACKPLANE_SILENCE: Duration = Duration::from_secs(2);
-
-/// Why a session is over.
-#[derive(Debug)]
-pub(super) enum End {
-    /// The rig ended, or released us.
-    Goodbye,
-    /// We were told to end.
-    Shutdown,
-    /// The link broke.
-    Lost(LinkError),
-    /// The backplane doesn't want us.
-    Refused(String),
-    /// The painter ended.
-    Painter,
+/// Why no more of a session is followed.
+enum Stop {
+    /// The link is dropped, and made again.
+    Link(LinkError),
+    /// The board ends.
+    End(Result<(), WorkerError>),
 }
 
-pub(super) struct Session {
-    backplane: Link<Stream>,
-    trust: Trust,
+impl From<CodecError> for Stop {
+    fn from(error: CodecError) -> Self {
+        Self::Link(error.into())
+    }
+}
+
+/// Whether a backplane knows what the board holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Told {
+    No,
+    /// The painter has been asked.
+    Asked,
+    /// When the board served this term.
+    Yes(Term),
+}
+
+struct Session {
+    outbox: Outbox,
+    /// What the backplane calls us, once it has welcomed us.
+    key: Option<BoardKey>,
     chain: BoardChain,
-    started: Instant,
     /// Who is to the left under the newest wiring.
     left: Option<BoardKey>,
-    key: BoardKey,
-    views: Vec<ViewSetup>,
-    outlet: Option<(String, DropGuard)>,
-    assembler: Assembler,
-    /// Bytes of pieces that have begun to come and aren't ready to be drawn.
-    loading: u64,
-    /// When the backplane was last heard, once it beats: before that it may have nothing to say.
-    heard: Option<tokio::time::Instant>,
+    /// Where the compositor listens.
+    compositor: Option<String>,
+    told: Told,
 }
 
-impl Session {
-    /// Connects and says hello.
-    pub(super) async fn open(config: &Config, listening: SocketAddr) -> Result<Self, LinkError> {
-        let greeting = async {
-            let stream = config.trust.connect(&config.backplane, &Expected::any(NodeRole::Manager)).await?;
-            // Listening on any address, we are reached at the one that reaches the backplane.
-            let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
-            let link = config.advertise.clone();
-            let link = link.unwrap_or_else(|| SocketAddr::new(ip, listening.port()).to_string());
-            let mut backplane = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
-            let role = Role::Board { threads: config.threads.get() as u32, link, memory: config.memory };
-            link::send(&mut backplane, &Hello { name: config.name.clone(), role }, &[]).await?;
-            Ok::<_, LinkError>(backplane)
-        };
-        let Ok(backplane) = tokio::time::timeout(GREETING_TIMEOUT, greeting).await else {
-            return Err(LinkError::Io(std::io::ErrorKind::TimedOut.into()));
-        };
-        let key = BoardKey(0);
-        Ok(Self {
-            backplane: backplane?,
-            trust: config.trust.clone(),
-            chain: BoardChain::new(key),
+/// The board's main task.
+pub(super) struct Board {
+    config: Arc<Config>,
+    started: Instant,
+    sessions: Vec<Option<Session>>,
+    /// Links that we have closed, and whose end is no news.
+    closed: Vec<bool>,
+    terms: Terms,
+    service: Service,
+    painter: Painter,
+    neighbours: Neighbours,
+}
+
+impl Board {
+    /// A board without links.
+    pub(super) fn new(config: Arc<Config>, painter: Painter, neighbours: Neighbours) -> Self {
+        let backplanes = config.backplanes.len();
+        Self {
+            config,
             started: Instant::now(),
-            left: None,
-            key,
-            views: Vec::new(),
-            outlet: None,
-            assembler: Assembler::default(),
-            loading: 0,
-            heard: None,
-        })
+            sessions: (0..backplanes).map(|_| None).collect(),
+            closed: vec![false; backplanes],
+            terms: Terms::new(backplanes),
+            service: Service::default(),
+            painter,
+            neighbours,
+        }
     }
 
-    /// Serves until the end of the session.
+    /// Serves until `shutdown`, or until the rig ends when that is to be the end.
     pub(super) async fn run(
         mut self,
-        painter: &mut Painter,
-        neighbours: &mut Neighbours,
+        mut backplanes: Backplanes,
         shutdown: &CancellationToken,
-    ) -> End {
+    ) -> Result<(), WorkerError> {
         let mut leaving = None;
         loop {
-            let beat = tokio::time::sleep(self.chain.next_timeout().since(self.now()));
+            let due = self.next_beat().map(|at| at.since(self.now()));
+            let beat = async {
+                match due {
+                    Some(wait) => tokio::time::sleep(wait).await,
+                    None => std::future::pending().await,
+                }
+            };
             let deadline = async {
                 match leaving {
                     Some(at) => tokio::time::sleep_until(at).await,
                     None => std::future::pending().await,
                 }
             };
-            let silence = async {
-                match self.heard {
-                    Some(at) => tokio::time::sleep_until(at + BACKPLANE_SILENCE).await,
-                    None => std::future::pending().await,
-                }
-            };
             tokio::select! {
-                message = link::receive::<ToBoard>(&mut self.backplane) => {
-                    let result = match message {
-                        Err(error) => Err(End::Lost(error)),
-                        Ok(None) => Err(End::Lost(LinkError::Closed)),
-                        Ok(Some((message, payload))) => self.on_message(message, payload, painter, neighbours),
-                    };
-                    if let Err(end) = result {
-                        return if leaving.is_some() { End::Shutdown } else { end };
+                event = backplanes.next() => {
+                    let result = self.on_event(event);
+                    let is_released = leaving.is_some() && self.terms.served().is_none();
+                    match result {
+                        Err(_) if leaving.is_some() => return Ok(()),
+                        Err(end) => return end,
+                        Ok(()) if is_released => return Ok(()),
+                        Ok(()) => {}
                     }
                 }
-                event = neighbours.next() => self.on_neighbour(event, neighbours),
-                painted = painter.painted() => {
-                    let Some(painted) = painted else { return End::Painter };
-                    if let Err(error) = self.on_painted(painted).await {
-                        return End::Lost(error);
-                    }
+                event = self.neighbours.next() => self.on_neighbour(event),
+                painted = self.painter.painted() => {
+                    let Some(painted) = painted else { return Err(WorkerError::Painter) };
+                    self.on_painted(painted);
                 }
                 () = shutdown.cancelled(), if leaving.is_none() => {
+                    if self.sessions.iter().all(Option::is_none) {
+                        return Ok(());
+                    }
                     leaving = Some(tokio::time::Instant::now() + LEAVE_TIMEOUT);
-                    if link::send(&mut self.backplane, &FromBoard::Leave, &[]).await.is_err() {
-                        return End::Shutdown;
+                    for index in 0..self.sessions.len() {
+                        self.say(index, &FromBoard::Leave, &[]);
                     }
                 }
-                () = deadline => return End::Shutdown,
-                () = silence => return End::Lost(LinkError::Io(std::io::ErrorKind::TimedOut.into())),
-                () = beat, if self.key != BoardKey(0) => self.chain.on_timeout(self.now()),
+                () = deadline => return Ok(()),
+                () = beat => {}
             }
-            if let Err(error) = self.drain(neighbours).await {
-                return End::Lost(error);
-            }
+            self.drain();
         }
     }
 
@@ -149,151 +145,244 @@ impl Session {
         Time(self.started.elapsed().as_nanos() as u64)
     }
 
-    async fn say(&mut self, message: &FromBoard, payload: &[u8]) -> Result<(), LinkError> {
-        self.chain.on_sent(self.now());
-        link::send(&mut self.backplane, message, payload).await
+    fn next_beat(&self) -> Option<Time> {
+        let welcomed = self.sessions.iter().flatten().filter(|session| session.key.is_some());
+        welcomed.map(|session| session.chain.next_timeout()).min()
     }
 
-    fn on_message(
-        &mut self,
-        message: ToBoard,
-        payload: Bytes,
-        painter: &Painter,
-        neighbours: &Neighbours,
-    ) -> Result<(), End> {
-        if self.heard.is_some() || message == ToBoard::Alive {
-            self.heard = Some(tokio::time::Instant::now());
+    fn say(&mut self, index: usize, message: &FromBoard, payload: &[u8]) {
+        let now = self.now();
+        if let Some(session) = &mut self.sessions[index] {
+            session.chain.on_sent(now);
+            session.outbox.send(encode(message, payload));
         }
-        match message {
-            ToBoard::Welcome { key } => {
-                tracing::info!(%key, "connected");
-                self.key = key;
-                self.chain = BoardChain::new(key);
-                painter.send(Work::Inventory);
-            }
-            ToBoard::Refused { reason } => return Err(End::Refused(reason)),
-            ToBoard::Goodbye => return Err(End::Goodbye),
-            ToBoard::Compositor { address } => {
-                if self.outlet.as_ref().map(|(at, _)| at) != address.as_ref() {
-                    self.outlet = None;
-                    let keep =
-                        |at: String| (at.clone(), outlet::keep(at, self.key, painter.work(), self.trust.clone()));
-                    self.outlet = address.map(keep);
-                }
-            }
-            ToBoard::Piece(head) => self.on_slice(&head, &payload, painter).map_err(|e| End::Lost(e.into()))?,
-            ToBoard::Evict => {
-                let ids = decode_ids(&payload, limits::SUBOBJECTS_MAX).map_err(|e| End::Lost(e.into()))?;
-                painter.send(Work::Evict(ids));
-            }
-            ToBoard::Table { scene } => painter.send(Work::Table(scene, payload)),
-            ToBoard::Neighbours(names) => neighbours.expect(names),
-            ToBoard::Chain(message) => {
-                if let ToBoardChain::Wire { left: Left::Board { key, .. }, .. } = &message {
-                    self.left = Some(*key);
-                }
-                self.chain.on_backplane(message);
-            }
-            ToBoard::Frame(header) => self.on_frame(header, payload, painter)?,
-            // The link is alive. A board that knows one backplane has no term to grant.
-            ToBoard::Alive | ToBoard::Ask(_) => {}
-        }
-        Ok(())
     }
 
-    fn on_slice(&mut self, head: &SliceHeader, slice: &[u8], painter: &Painter) -> Result<(), CodecError> {
-        if head.offset == 0 {
-            let (value, limit) = (self.loading.saturating_add(head.total), limits::PIECES_IN_FLIGHT_MAX);
-            if self.loading > 0 && value > limit {
-                return Err(CodecError::Limit { what: "bytes of pieces under way", value, limit });
-            }
-            self.loading = value;
+    /// Says something to the backplane that is served.
+    fn report(&mut self, message: &FromBoard, payload: &[u8]) {
+        if let Some(index) = self.terms.served() {
+            self.say(index, message, payload);
         }
-        if let Some((id, kind, bytes)) = self.assembler.take(head, slice)? {
-            painter.load(id, kind, bytes);
-        }
-        Ok(())
     }
 
-    fn on_frame(&mut self, header: FrameHeader, payload: Bytes, painter: &Painter) -> Result<(), End> {
-        if let Some(views) = &header.views {
-            if views.is_empty() || views.len() > limits::VIEWS_MAX || !views.iter().all(ViewSetup::is_valid) {
-                return Err(End::Lost(LinkError::Codec(CodecError::Limit {
-                    what: "views that can be drawn, of those sent,",
-                    value: views.len() as u64,
-                    limit: limits::VIEWS_MAX as u64,
-                })));
-            }
-            self.views.clone_from(views);
-        }
-        let epoch = header.state.epoch;
-        let shares = match self.chain.place(epoch) {
-            Some(place) => Some(shares(place.id, &place.weights, &self.views)),
-            None => {
-                tracing::warn!(frame = %header.state.frame, %epoch, "a frame under a wiring that we have no place in");
-                None
-            }
-        };
-        // Even without a place the lists must be followed.
-        painter.send(Work::Frame { header: Box::new(header), payload, shares });
-        Ok(())
-    }
-
-    fn on_neighbour(&mut self, event: NeighbourEvent, neighbours: &mut Neighbours) {
+    fn on_event(&mut self, event: BackplaneEvent) -> Result<(), Result<(), WorkerError>> {
         match event {
-            NeighbourEvent::Up { link, outbox, epoch } => {
-                neighbours.keep(link, outbox);
-                if let Some(epoch) = epoch {
-                    self.chain.on_left_linked(epoch, link);
+            BackplaneEvent::Up(index, outbox) => {
+                self.closed[index] = false;
+                let (chain, told) = (BoardChain::new(BoardKey(0)), Told::No);
+                self.sessions[index] = Some(Session { outbox, key: None, chain, left: None, compositor: None, told });
+            }
+            BackplaneEvent::Said(index, message, payload) if self.sessions[index].is_some() => {
+                match self.on_message(index, *message, payload) {
+                    Ok(()) => {}
+                    Err(Stop::End(end)) => return Err(end),
+                    Err(Stop::Link(error)) => self.close(index, &error),
                 }
             }
-            NeighbourEvent::Message(link, message) => self.chain.on_neighbour(link, message),
-            NeighbourEvent::Down(link) => {
-                neighbours.close(link);
-                self.chain.on_link_lost(None, Some(link));
-            }
-            NeighbourEvent::Failed(epoch) => self.chain.on_link_lost(Some(epoch), None),
-        }
-    }
-
-    async fn on_painted(&mut self, painted: Painted) -> Result<(), LinkError> {
-        match painted {
-            Painted::Holding { scene, ids } => {
-                let mut runs = ids.chunks(limits::PIECE_NAMES_MAX).peekable();
-                loop {
-                    let names = encode_ids(runs.next().unwrap_or_default());
-                    let more = runs.peek().is_some();
-                    self.say(&FromBoard::Holding { scene, more }, &names).await?;
-                    if !more {
-                        return Ok(());
-                    }
+            // Of a link that we have closed.
+            BackplaneEvent::Said(..) => {}
+            BackplaneEvent::Down(index, error) => {
+                if !std::mem::take(&mut self.closed[index]) {
+                    self.log_down(index, &error);
                 }
-            }
-            Painted::Stored { id, len } => {
-                self.loading = self.loading.saturating_sub(len);
-                self.say(&FromBoard::Stored, &id.0).await
-            }
-            Painted::Loaded(scene) => self.say(&FromBoard::Loaded { scene }, &[]).await,
-            Painted::Ready { frame, epoch, report } => self.say(&FromBoard::Ready { frame, epoch, report }, &[]).await,
-            Painted::Refused(error) => {
-                tracing::error!(%error, "the backplane sent something that can't be drawn");
-                Err(LinkError::Closed)
-            }
-        }
-    }
-
-    async fn drain(&mut self, neighbours: &mut Neighbours) -> Result<(), LinkError> {
-        while let Some(output) = self.chain.poll_output() {
-            match output {
-                BoardOutput::ConnectLeft { epoch, address } => neighbours.connect(epoch, address, self.left),
-                BoardOutput::ToBackplane(message) => {
-                    self.say(&FromBoard::Chain(message), &[]).await?;
-                }
-                BoardOutput::ToNeighbour(link, message) => neighbours.send(link, message),
-                BoardOutput::Close(link) => neighbours.close(link),
-                BoardOutput::Beat => self.say(&FromBoard::Alive, &[]).await?,
+                self.lose(index);
             }
         }
         Ok(())
+    }
+
+    fn log_down(&self, index: usize, error: &LinkError) {
+        tracing::info!(backplane = %self.config.backplanes[index], %error, "no backplane; trying again");
+    }
+
+    /// Closes a link for that reason; it is made again.
+    fn close(&mut self, index: usize, error: &LinkError) {
+        self.log_down(index, error);
+        self.closed[index] = true;
+        self.lose(index);
+    }
+
+    fn lose(&mut self, index: usize) {
+        self.sessions[index] = None;
+        if self.terms.on_lost(index) {
+            self.end_service();
+        }
+        if self.terms.served().is_none() {
+            // Whoever leads next, or only waits to, may know already.
+            self.tell();
+        }
+    }
+
+    /// From now on nothing is done for who was served.
+    fn end_service(&mut self) {
+        self.neighbours.close_all();
+        self.service = Service::default();
+        self.painter.send(Work::Outlet(None));
+        self.painter.forget_session();
+        // The answer would be of a session that is over.
+        for session in self.sessions.iter_mut().flatten().filter(|session| session.told == Told::Asked) {
+            session.told = Told::No;
+        }
+    }
+
+    /// A backplane is served that wasn't.
+    fn begin_service(&mut self, index: usize) {
+        let (backplane, term) = (&self.config.backplanes[index], self.terms.term());
+        tracing::info!(%backplane, %term, "serving");
+        self.end_service();
+        for (other, session) in self.sessions.iter_mut().enumerate() {
+            let Some(session) = session else { continue };
+            if other != index || session.told != Told::Yes(term) {
+                session.told = Told::No;
+            }
+            if other == index {
+                session.chain = BoardChain::new(session.key.unwrap_or(BoardKey(0)));
+                session.left = None;
+            }
+        }
+        for other in (0..self.sessions.len()).filter(|other| *other != index && term > Term(0)) {
+            // Who has led until now needn't find out by itself.
+            self.say(other, &FromBoard::Answer(Answer::Refused { term }), &[]);
+        }
+        self.tell();
+        self.open_outlet(index);
+    }
+
+    /// Has the painter say what the board holds, if somebody should know it and doesn't.
+    fn tell(&mut self) {
+        let served = self.terms.served();
+        let mut is_asked = false;
+        for (index, session) in self.sessions.iter_mut().enumerate() {
+            let Some(session) = session else { continue };
+            let should_know = session.key.is_some() && served.is_none_or(|served| served == index);
+            if should_know && session.told == Told::No {
+                session.told = Told::Asked;
+                is_asked = true;
+            }
+        }
+        if is_asked {
+            self.painter.send(Work::Inventory);
+        }
+    }
+
+    fn open_outlet(&mut self, index: usize) {
+        let Some(Session { key: Some(key), compositor, .. }) = &self.sessions[index] else { return };
+        if self.service.outlet.as_ref().map(|(at, _)| at) == compositor.as_ref() {
+            return;
+        }
+        if self.service.outlet.take().is_some() {
+            self.painter.send(Work::Outlet(None));
+        }
+        let (work, trust) = (self.painter.work(), self.config.trust.clone());
+        self.service.outlet = compositor.clone().map(|at| (at.clone(), outlet::keep(at, *key, work, trust)));
+    }
+
+    /// Whether a word is to be followed that only who leads says.
+    fn heeds(&mut self, index: usize, heed: Heed) -> bool {
+        if heed == Heed::Begin {
+            self.begin_service(index);
+        }
+        heed != Heed::Ignore
+    }
+
+    fn on_message(&mut self, index: usize, message: ToBoard, payload: Bytes) -> Result<(), Stop> {
+        let now = self.now();
+        match message {
+            ToBoard::Welcome { key } => self.on_welcome(index, key),
+            ToBoard::Refused { reason } => return Err(self.on_refused(index, reason)),
+            ToBoard::Goodbye => return Err(self.on_goodbye(index)),
+            ToBoard::Compositor { address } => {
+                if let Some(session) = &mut self.sessions[index] {
+                    session.compositor = address;
+                }
+                if self.terms.served() == Some(index) {
+                    self.open_outlet(index);
+                }
+            }
+            ToBoard::Alive => self.terms.on_alive(now, index),
+            ToBoard::Ask(ask) => {
+                let (answer, begins) = self.terms.on_ask(now, index, ask);
+                self.say(index, &FromBoard::Answer(answer), &[]);
+                if begins {
+                    self.begin_service(index);
+                }
+            }
+            ToBoard::Chain(message) => {
+                let heed = self.terms.on_leader(now, index, message.epoch().term());
+                if self.heeds(index, heed) {
+                    self.on_chain(index, message);
+                } else {
+                    let term = self.terms.term();
+                    self.say(index, &FromBoard::Answer(Answer::Refused { term }), &[]);
+                }
+            }
+            ToBoard::Frame(header) => {
+                // A frame builds on what came before it, so it is never a leader's first word.
+                if self.terms.on_leader(now, index, header.state.epoch.term()) == Heed::Follow {
+                    self.on_frame(index, header, payload)?;
+                }
+            }
+            ToBoard::Piece(_) | ToBoard::Evict | ToBoard::Table { .. } | ToBoard::Neighbours(_) => {
+                let heed = self.terms.on_word(now, index);
+                if self.heeds(index, heed) {
+                    self.on_content(message, payload)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn on_welcome(&mut self, index: usize, key: BoardKey) {
+        tracing::info!(%key, backplane = %self.config.backplanes[index], "connected");
+        if let Some(session) = &mut self.sessions[index] {
+            session.key = Some(key);
+            session.chain = BoardChain::new(key);
+        }
+        if let Some(term) = self.terms.remembered() {
+            // One that was started anew must not lead as if there had been nothing.
+            self.say(index, &FromBoard::Answer(Answer::Refused { term }), &[]);
+        }
+        self.tell();
+    }
+
+    fn on_refused(&mut self, index: usize, reason: String) -> Stop {
+        let backplane = self.config.backplanes[index].clone();
+        if self.sessions.len() == 1 {
+            return Stop::End(Err(WorkerError::Refused(backplane, reason)));
+        }
+        tracing::warn!(%backplane, %reason, "refused by one of the backplanes");
+        Stop::Link(LinkError::Closed)
+    }
+
+    fn on_goodbye(&mut self, index: usize) -> Stop {
+        if self.sessions.len() == 1 && self.config.once {
+            return Stop::End(Ok(()));
+        }
+        tracing::info!(backplane = %self.config.backplanes[index], "the rig has ended; waiting for the next");
+        Stop::Link(LinkError::Closed)
+    }
+
+    fn drain(&mut self) {
+        let now = self.now();
+        for index in 0..self.sessions.len() {
+            let is_served = self.terms.served() == Some(index);
+            if let Some(session) = self.sessions[index].as_mut().filter(|session| session.key.is_some()) {
+                session.chain.on_timeout(now);
+            }
+            while let Some(session) = &mut self.sessions[index]
+                && let Some(output) = session.chain.poll_output()
+            {
+                let left = session.left;
+                match output {
+                    BoardOutput::Beat => session.outbox.send(encode(&FromBoard::Alive, &[])),
+                    // Of a wiring that is no longer any of ours.
+                    _ if !is_served => {}
+                    BoardOutput::ConnectLeft { epoch, address } => self.neighbours.connect(epoch, address, left),
+                    BoardOutput::ToBackplane(message) => self.say(index, &FromBoard::Chain(message), &[]),
+                    BoardOutput::ToNeighbour(link, message) => self.neighbours.send(link, message),
+                    BoardOutput::Close(link) => self.neighbours.close(link),
+                }
+            }
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::disturbed::disturbed;
 use super::fleet::{self, Fleet, Look, Plan, said};
+use super::pair::Pair;
 use crate::cli::ChainArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
@@ -64,7 +65,23 @@ pub(crate) fn chain(args: &ChainArgs) -> Result<(), CommandError> {
         bench.restart(&mut restarted)?;
     }
     rows.push(restarted.row(What::Restarted));
-    drop(bench);
+    let Bench { fleet, mut random, .. } = bench;
+    drop(fleet);
+    if args.standbys > 0 {
+        note(&format!("{0} times a manager with a stand-by is killed, and {0} times stopped …", args.standbys));
+        let mut pair = Pair::start(Plan::new(&args.fleet, &camera))?;
+        for (what, signal) in [(What::TakenOver, Signal::KILL), (What::BySilence, Signal::STOP)] {
+            let mut times = Times::default();
+            for _ in 0..args.standbys {
+                let change = pair.change(signal, &mut random)?;
+                times.detect.push(change.led_ms);
+                times.repair.push(change.whole_ms);
+                times.resent += change.resent;
+                times.count += 1;
+            }
+            rows.push(times.row(what));
+        }
+    }
     let shown = table(&rows);
     let figures = figures(&rows);
     if args.json {

@@ -106,6 +106,11 @@ impl Look {
         self.value.pointer(path)?.as_f64()
     }
 
+    /// Something of the statistics.
+    pub(super) fn value(&self, path: &str) -> Option<&Value> {
+        self.value.pointer(path)
+    }
+
     /// What was logged after a moment, less the millisecond to which the log is rounded.
     pub(super) fn events_since(&self, since: Instant) -> Vec<Event> {
         let events = self.value["events"].as_array().map_or(&[][..], Vec::as_slice);
@@ -122,27 +127,11 @@ impl Look {
 impl<'a> Fleet<'a> {
     /// Starts manager, compositor, host and boards, and waits until all boards draw.
     pub(super) fn start(plan: Plan<'a>) -> Result<Self, CommandError> {
-        let (manager, [backplane, pose, console]) = manager(&plan, [any(), any(), any()], true)?;
+        let (manager, [backplane, pose, console]) = manager(&plan, [any(), any(), any()], true, None)?;
         let mut fleet =
             Self { plan, manager, others: Vec::new(), boards: Vec::new(), backplane, pose, console, named: 0 };
-        let mut compositor = own(&["compositor", "--backplane", &fleet.backplane.to_string()])?;
-        if let Some(manifest) = fleet.plan.manifest {
-            compositor.arg("--manifest").arg(manifest);
-        }
-        fleet.others.push(compositor.spawn().map_err(said)?);
-        let size = format!("{}x{}", fleet.plan.size.0, fleet.plan.size.1);
-        let rate = fleet.plan.rate.to_string();
-        let mut host = own(&["host", "play"])?;
-        host.arg(fleet.plan.camera).args([
-            "--to",
-            &fleet.pose.to_string(),
-            "--size",
-            &size,
-            "--rate",
-            &rate,
-            "--repeat",
-        ]);
-        fleet.others.push(host.spawn().map_err(said)?);
+        fleet.others.push(compositor(&fleet.backplane.to_string(), fleet.plan.manifest)?);
+        fleet.others.push(host(&fleet.plan, &fleet.pose.to_string())?);
         for _ in 0..fleet.plan.boards {
             fleet.add()?;
         }
@@ -159,20 +148,14 @@ impl<'a> Fleet<'a> {
         self.named += 1;
         let relay = self.plan.relays.then(|| Relay::to(self.backplane)).transpose().map_err(said)?;
         let backplane = relay.as_ref().map_or(self.backplane, |relay| relay.address).to_string();
-        let mut board = own(&["channel", "--backplane", &backplane, "--name", &name, "--threads", "1"])?;
-        board.args(["--memory-limit", "2048"]);
-        // It stays when the manager goes, and ends with its stdin all the same.
-        let child = board.spawn().map_err(said)?;
+        let child = board(&backplane, &name)?;
         self.boards.push(Board { name, child, relay });
         Ok(())
     }
 
     /// Sends a board's process a signal; returns when.
     pub(super) fn signal(&self, board: usize, signal: Signal) -> Result<Instant, CommandError> {
-        let pid = i32::try_from(self.boards[board].child.id()).ok().and_then(Pid::from_raw);
-        let now = Instant::now();
-        kill_process(pid.ok_or_else(|| said("a board has no process number"))?, signal).map_err(said)?;
-        Ok(now)
+        send(&self.boards[board].child, signal)
     }
 
     /// Cuts a board off from the backplane, so that neither hears of it, or mends that; if it has a relay.
@@ -220,7 +203,7 @@ impl<'a> Fleet<'a> {
     /// Starts a manager where the last one was.
     pub(super) fn restart_manager(&mut self) -> Result<(), CommandError> {
         let addresses = [self.backplane, self.pose, self.console];
-        (self.manager, _) = manager(&self.plan, addresses, false)?;
+        (self.manager, _) = manager(&self.plan, addresses, false, None)?;
         Ok(())
     }
 
@@ -231,23 +214,12 @@ impl<'a> Fleet<'a> {
 
     /// Asks the console for JSON.
     pub(super) fn get(&self, path: &str) -> Result<Value, CommandError> {
-        let mut stream = TcpStream::connect(self.console).map_err(said)?;
-        stream.set_read_timeout(Some(HANG)).map_err(said)?;
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").map_err(said)?;
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).map_err(said)?;
-        let (_, body) = answer.split_once("\r\n\r\n").ok_or_else(|| said("the console's answer has no body"))?;
-        serde_json::from_str(body).map_err(said)
+        get(self.console, path)
     }
 
     /// Reads the statistics.
     pub(super) fn look(&self) -> Result<Look, CommandError> {
-        let before = Instant::now();
-        let value = self.get("/api/v1/stats")?;
-        let middle = before + before.elapsed() / 2;
-        let time = value["time_s"].as_f64().ok_or_else(|| said("the statistics have no time"))?;
-        let zero = middle.checked_sub(Duration::from_secs_f64(time));
-        Ok(Look { value, zero: zero.ok_or_else(|| said("the statistics' time is not of today"))? })
+        look(self.console)
     }
 
     /// Looks until something holds.
@@ -291,19 +263,76 @@ impl Drop for Fleet<'_> {
     }
 }
 
+/// Asks a console for JSON.
+fn get(console: SocketAddr, path: &str) -> Result<Value, CommandError> {
+    let mut stream = TcpStream::connect(console).map_err(said)?;
+    stream.set_read_timeout(Some(HANG)).map_err(said)?;
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: rig\r\nConnection: close\r\n\r\n").map_err(said)?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).map_err(said)?;
+    let (_, body) = answer.split_once("\r\n\r\n").ok_or_else(|| said("the console's answer has no body"))?;
+    serde_json::from_str(body).map_err(said)
+}
+
+/// Reads a manager's statistics.
+pub(super) fn look(console: SocketAddr) -> Result<Look, CommandError> {
+    let before = Instant::now();
+    let value = get(console, "/api/v1/stats")?;
+    let middle = before + before.elapsed() / 2;
+    let time = value["time_s"].as_f64().ok_or_else(|| said("the statistics have no time"))?;
+    let zero = middle.checked_sub(Duration::from_secs_f64(time));
+    Ok(Look { value, zero: zero.ok_or_else(|| said("the statistics' time is not of today"))? })
+}
+
+/// Sends a process a signal; returns when.
+pub(super) fn send(child: &Child, signal: Signal) -> Result<Instant, CommandError> {
+    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    let now = Instant::now();
+    kill_process(pid.ok_or_else(|| said("a process has no number"))?, signal).map_err(said)?;
+    Ok(now)
+}
+
+/// Starts a board. It stays when the manager goes, and ends with its stdin all the same.
+pub(super) fn board(backplanes: &str, name: &str) -> Result<Child, CommandError> {
+    let mut board = own(&["channel", "--backplane", backplanes, "--name", name, "--threads", "1"])?;
+    board.args(["--memory-limit", "2048"]).spawn().map_err(said)
+}
+
+/// Starts a compositor.
+pub(super) fn compositor(backplanes: &str, manifest: Option<&Path>) -> Result<Child, CommandError> {
+    let mut compositor = own(&["compositor", "--backplane", backplanes])?;
+    if let Some(manifest) = manifest {
+        compositor.arg("--manifest").arg(manifest);
+    }
+    compositor.spawn().map_err(said)
+}
+
+/// Starts a host that flies.
+pub(super) fn host(plan: &Plan<'_>, to: &str) -> Result<Child, CommandError> {
+    let (size, rate) = (format!("{}x{}", plan.size.0, plan.size.1), plan.rate.to_string());
+    let mut host = own(&["host", "play"])?;
+    host.arg(plan.camera).args(["--to", to, "--size", &size, "--rate", &rate, "--repeat"]);
+    host.spawn().map_err(said)
+}
+
 /// Kills a process, and waits for it.
-fn end(child: &mut Child) {
+pub(super) fn end(child: &mut Child) {
     // It may have ended by itself.
     let _ = child.kill();
     let _ = child.wait();
 }
 
-fn any() -> SocketAddr {
+pub(super) fn any() -> SocketAddr {
     SocketAddr::from(([127, 0, 0, 1], 0))
 }
 
-/// Starts a manager that listens there, for boards, poses and browsers; returns where it does.
-fn manager(plan: &Plan<'_>, at: [SocketAddr; 3], waits: bool) -> Result<(Child, [SocketAddr; 3]), CommandError> {
+/// Starts a manager that listens there, for boards, poses and browsers, and perhaps stands by for another; returns where it listens.
+pub(super) fn manager(
+    plan: &Plan<'_>,
+    at: [SocketAddr; 3],
+    waits: bool,
+    stands_by_for: Option<SocketAddr>,
+) -> Result<(Child, [SocketAddr; 3]), CommandError> {
     let [backplane, pose, console] = at.map(|address| address.to_string());
     let mut command = own(&["manager", "--listen", &backplane, "--pose-listen", &pose, "--console", &console])?;
     command.args(["--scene", plan.scene, "--camera"]).arg(plan.camera).args(["--views", &plan.views.to_string()]);
@@ -312,6 +341,9 @@ fn manager(plan: &Plan<'_>, at: [SocketAddr; 3], waits: bool) -> Result<(Child, 
     command.args(["--rate", &plan.rate.to_string(), "--lowest-resolution", "1"]);
     if waits {
         command.args(["--wait-for-boards", &plan.boards.to_string(), "--wait-for-compositor"]);
+    }
+    if let Some(leader) = stands_by_for {
+        command.args(["--standby", &leader.to_string()]);
     }
     let mut child = command.stdout(Stdio::piped()).spawn().map_err(said)?;
     let stdout = child.stdout.take().ok_or_else(|| said("the manager has no stdout"))?;

@@ -17,6 +17,7 @@ mod instructions;
 mod latency;
 mod lists;
 mod open;
+mod pair;
 mod peer;
 mod pixels;
 mod truth;

@@ -2,12 +2,14 @@
 //!
 //! It takes facts from its queue, hands them to the cores ([`BackplaneChain`], [`FrameClock`], [`Director`]), and carries
 //! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
-//! the compositor → the host's answer). `frame` opens frames, `feed` sends pieces of the scene.
+//! the compositor → the host's answer). `frame` opens frames, `feed` sends pieces of the scene, `standby` says whether any of this is ours
+//! to do.
 
 mod control;
 mod feed;
 mod frame;
 mod roster;
+mod standby;
 
 use super::Config;
 use super::ahead::Ahead;
@@ -24,14 +26,16 @@ use crate::host::native::Freshness;
 use bytes::Bytes;
 use control::Control;
 use link::Identity;
-use proto::chain::{BackplaneChain, BackplaneOutput, ClockMode, ClockOutput, FrameClock};
+use proto::chain::{BackplaneChain, BackplaneOutput, BetweenBackplanes, ClockMode, ClockOutput, FrameClock};
 use proto::codec::encode;
 use proto::frame::PixelFormat;
-use proto::ids::{BoardKey, FrameNumber, ViewId};
+use proto::ids::{BoardKey, FrameNumber, Term, ViewId};
 use proto::limits;
 use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, ToBoard, ToCompositor};
 use proto::pose::{Answer, PosePacket};
 use proto::time::Time;
+pub(crate) use standby::OPENED;
+use standby::{Held, Leadership};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -65,6 +69,8 @@ pub(crate) enum Event {
     Board { key: BoardKey, message: FromBoard, payload: Bytes },
     /// The compositor said something.
     Compositor { key: BoardKey, message: FromCompositor, payload: Bytes },
+    /// The other backplane said something.
+    Peer { key: BoardKey, message: BetweenBackplanes },
     /// The host said something.
     Pose { packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness },
     /// A datagram that is no pose packet.
@@ -108,6 +114,8 @@ struct Board {
     /// Whether it has the tables, and is in the row.
     has_table: bool,
     has_joined: bool,
+    /// Whether it has said all that it holds.
+    is_known: bool,
     /// Whether it asked to leave, or was told to.
     is_leaving: bool,
     /// Whether its link has been cut: what it still says doesn't count.
@@ -116,10 +124,17 @@ struct Board {
     is_held: bool,
     /// Whether a frame has been shown that it drew a part of.
     draws: bool,
+    /// What it says it has room for, bytes.
+    memory: u64,
+    /// Whether it drew for the backplane that led before.
+    is_heir: bool,
+    /// The term that it serves, if that isn't ours.
+    claims: Option<Term>,
+    held: Held,
 }
 
 impl Board {
-    fn new(name: String, certified: Option<String>, link: String, outbox: Outbox, since: Time) -> Self {
+    fn new(name: String, certified: Option<String>, link: String, memory: u64, outbox: Outbox, since: Time) -> Self {
         Self {
             name: name.into(),
             certified,
@@ -132,10 +147,15 @@ impl Board {
             since,
             has_table: false,
             has_joined: false,
+            is_known: false,
             is_leaving: false,
             is_out: false,
             is_held: false,
             draws: false,
+            memory,
+            is_heir: false,
+            claims: None,
+            held: Held::default(),
         }
     }
 
@@ -173,6 +193,7 @@ pub(crate) struct Engine {
     started: Instant,
     chain: BackplaneChain,
     clock: FrameClock,
+    leadership: Leadership,
     director: Director,
     stream: Stream,
     traffic: Arc<Traffic>,
@@ -227,6 +248,7 @@ impl Engine {
         }
         let mut clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
         clock.allow_scale(config.scale_max);
+        let leadership = Leadership::new(config.stands_by_for.is_some());
         Self {
             config,
             content,
@@ -234,6 +256,7 @@ impl Engine {
             started,
             chain,
             clock,
+            leadership,
             director,
             stream,
             traffic,
@@ -279,6 +302,7 @@ impl Engine {
             self.chain.on_timeout(now);
             self.clock.on_timeout(now);
             self.drain();
+            self.attend();
             self.admit();
             self.open_if_due();
             self.select_ahead_if_due();
@@ -302,7 +326,8 @@ impl Engine {
     fn sleep(&self) -> Duration {
         let now = self.now();
         let clock = self.clock.next_timeout().filter(|_| self.clock.open_frame().is_some() || self.may_open());
-        let due = [self.chain.next_timeout(), clock, self.ahead_due()].into_iter().flatten().min();
+        let timeouts = [self.chain.next_timeout(), clock, self.ahead_due(), self.leadership.next_timeout()];
+        let due = timeouts.into_iter().flatten().min();
         due.map_or(IDLE, |due| due.since(now)).min(IDLE)
     }
 
@@ -345,6 +370,7 @@ impl Engine {
                 self.on_compositor(message, payload);
             }
             Event::Compositor { .. } => {}
+            Event::Peer { key, message } => self.on_peer_said(key, message),
             Event::Pose { packet, from, received, freshness } => self.on_pose(packet, from, received, freshness),
             Event::BadPose => self.statistics.dropped.pose_packets += 1,
             // Whoever asked may have gone away meanwhile.
@@ -384,8 +410,9 @@ impl Engine {
                     self.stream.on_board(key, memory, self.config.board_memory);
                     self.control.on_hello(&hello.name);
                     let now = self.now();
-                    self.boards.insert(key, Board::new(hello.name, certified, link, outbox, now));
+                    self.boards.insert(key, Board::new(hello.name, certified, link, memory, outbox, now));
                     self.tell_compositor_boards();
+                    self.on_board_there(key);
                 }
             }
             Role::Compositor { listen, format, records } => {
@@ -410,6 +437,7 @@ impl Engine {
                 self.tell_boards(&ToBoard::Compositor { address });
                 self.log("connected", format!("compositor ({from})"));
             }
+            Role::Backplane => self.on_peer(key, &format!("{} ({from})", hello.name), outbox),
         }
     }
 
@@ -431,6 +459,7 @@ impl Engine {
     fn on_lost(&mut self, key: BoardKey, reason: &str) {
         let now = self.now();
         if let Some(board) = self.boards.remove(&key) {
+            self.on_board_gone(key);
             self.stream.on_lost(key);
             self.control.on_gone(now, key, &board, reason);
             self.calm.disturb();
@@ -455,16 +484,21 @@ impl Engine {
             self.answer();
             self.tell_boards(&ToBoard::Compositor { address: None });
             self.log("lost", format!("compositor: {reason}"));
+        } else {
+            self.on_peer_lost(key, reason);
         }
     }
 
     fn on_board(&mut self, key: BoardKey, message: FromBoard, payload: &Bytes) {
         let now = self.now();
+        if self.on_board_term(key, &message, payload) {
+            return;
+        }
         self.chain.on_heard(now, key);
         // A message that was under way when the board was dropped.
         let Some(board) = self.boards.get_mut(&key).filter(|board| !board.is_out) else { return };
         match message {
-            FromBoard::Holding { scene, more } => self.on_holding(key, scene, more, payload),
+            FromBoard::Holding { scene, more, .. } => self.on_holding(key, scene, more, payload),
             FromBoard::Stored => self.on_stored(key, payload),
             FromBoard::Loaded { scene } => self.on_loaded(key, scene),
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
@@ -485,7 +519,7 @@ impl Engine {
                 self.chain.on_leave(now, key);
                 self.release_waiting(key);
             }
-            // It has been heard; nobody here asks for a term.
+            // It has been heard.
             FromBoard::Alive | FromBoard::Answer(_) => {}
         }
     }
@@ -568,7 +602,11 @@ impl Engine {
     fn drain(&mut self) {
         while let Some(ClockOutput::Swap { swap, opened, late, missing }) = self.clock.poll_output() {
             self.chain.on_frame_over(self.now(), &missing);
-            self.swap(swap, opened, late);
+            if self.chain.may_show(&swap.boards) {
+                self.swap(swap, opened, late);
+            } else {
+                self.hold(&swap);
+            }
             if let ClockMode::RealTime { period } = self.config.mode {
                 self.chain.set_period(period * self.clock.divider());
             }
@@ -662,7 +700,9 @@ impl Engine {
             time: self.started.elapsed(),
             views: self.director.views().len() as u32,
             boards: self.chain.len(),
-            epochs: self.chain.epoch().0,
+            epochs: self.epochs(),
+            leads: self.leadership.leads(),
+            term: self.leadership.term().0,
             divider: self.clock.divider(),
             scale: self.clock.scale(),
             seconds: self.first_open.map_or(0.0, |first| self.now().since(first).as_secs_f64()),

@@ -1,8 +1,9 @@
-//! Links to boards and compositors: they only move bytes between sockets and the engine.
+//! Links to boards, compositors and the other backplane: they only move bytes between sockets and the engine.
 //!
 //! | task | waits for |
 //! |---|---|
 //! | listener | connections |
+//! | dialler, of a stand-by | its link to who leads |
 //! | one reader per link | messages; hands each to the engine |
 //! | one writer per link | its two queues: messages, and names of scene pieces, which it takes from [`Content`] itself, so that megabytes don't sit in a queue |
 //!
@@ -13,21 +14,25 @@
 //! that can't even take a message of the chain is hung, and dropped.
 
 use super::content::Content;
-use super::engine::Event;
+use super::engine::{Event, OPENED};
 use bytes::Bytes;
 use futures_util::SinkExt;
 use futures_util::stream::{SplitSink, SplitStream, StreamExt};
-use link::{Arrival, Identity, Incoming, Listener, NodeRole, Stream};
+use link::{Arrival, Expected, Identity, Incoming, Listener, NodeRole, Stream, Trust};
+use proto::backoff::Backoff;
+use proto::chain::BetweenBackplanes;
 use proto::codec;
 use proto::ids::{BoardKey, ContentId};
 use proto::limits;
 use proto::link::{Link, LinkError, expect, open, receive};
 use proto::message::{FromBoard, FromCompositor, Hello, Role};
 use proto::piece::{PIECE_OVERHEAD, PieceKind};
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
@@ -41,6 +46,9 @@ const PIECES: usize = (limits::PIECES_IN_FLIGHT_MAX / PIECE_OVERHEAD) as usize +
 const LENGTH_BYTES: u64 = 4;
 /// A peer that has not said hello by then is dropped.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// A link to the other backplane that was up for so long was one.
+const LASTING: Duration = Duration::from_secs(1);
 
 /// What a writer sends.
 #[derive(Debug)]
@@ -125,14 +133,22 @@ pub(crate) async fn post(engine: &SyncSender<Event>, mut event: Event) -> bool {
     }
 }
 
-/// Accepts links for ever.
+/// What the first guest is called. Boards send tiles by their keys, so two backplanes must not call two boards the same: those of a
+/// stand-by begin anywhere.
+pub(crate) fn first_key(stands_by: bool) -> u64 {
+    let anywhere = RandomState::new().build_hasher().finish() % 0xffff + 1;
+    if stands_by { (anywhere << 24) + 1 } else { 1 }
+}
+
+/// Accepts links for ever; guests get keys from the first one on.
 pub(crate) async fn listen(
     mut listener: Listener,
     engine: SyncSender<Event>,
     content: Arc<Content>,
     traffic: Arc<Traffic>,
+    first_key: u64,
 ) {
-    let keys = Arc::new(AtomicU64::new(1));
+    let keys = Arc::new(AtomicU64::new(first_key));
     loop {
         match listener.next().await {
             Arrival::Peer(incoming) => {
@@ -157,12 +173,14 @@ async fn greet(stream: Stream) -> Result<(Link<Stream>, Hello, Option<Identity>)
     // Before a peer has said who it is, it may claim little.
     let mut opened = open(stream, limits::CONTROL_MESSAGE_MAX).await?;
     let (mut hello, _) = expect::<Hello>(&mut opened).await?;
-    let (Role::Board { link: address, .. } | Role::Compositor { listen: address, .. }) = &hello.role;
-    // Addresses go out again in messages of bounded length.
-    codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
+    if let Role::Board { link: address, .. } | Role::Compositor { listen: address, .. } = &hello.role {
+        // Addresses go out again in messages of bounded length.
+        codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
+    }
     let role = match hello.role {
         Role::Board { .. } => NodeRole::Board,
         Role::Compositor { .. } => NodeRole::Compositor,
+        Role::Backplane => NodeRole::Manager,
     };
     // Names are for people and logs: bounded, and no control characters.
     hello.name = hello.name.chars().filter(|c| !c.is_control()).take(limits::NAME_MAX / 4).collect();
@@ -197,22 +215,76 @@ async fn serve(
     let from = incoming.from();
     let ((link, hello, identity), _place) = incoming.greet(GREETING_TIMEOUT, greet).await?;
     let key = BoardKey(keys.fetch_add(1, Ordering::Relaxed));
-    let is_board = matches!(hello.role, Role::Board { .. });
+    carry(link, key, hello, from, identity, engine, content, traffic).await;
+    Ok(())
+}
+
+/// Keeps a link to the other backplane.
+pub(crate) async fn dial(
+    address: String,
+    trust: Trust,
+    engine: SyncSender<Event>,
+    content: Arc<Content>,
+    traffic: Arc<Traffic>,
+) {
+    let mut backoff = Backoff::new(std::process::id().into());
+    loop {
+        let connecting = async {
+            let stream = trust.connect(&address, &Expected::any(NodeRole::Manager)).await?;
+            let (from, identity) = (stream.peer_addr()?, stream.peer().cloned());
+            let mut opened = open(stream, limits::CONTROL_MESSAGE_MAX).await?;
+            let hello = Hello { name: "stand-by".into(), role: Role::Backplane };
+            opened.send(codec::encode(&hello, &[])).await?;
+            Ok::<_, LinkError>((opened, from, identity))
+        };
+        match tokio::time::timeout(GREETING_TIMEOUT, connecting).await {
+            Ok(Ok((link, from, identity))) => {
+                let started = Instant::now();
+                let hello = Hello { name: address.clone(), role: Role::Backplane };
+                carry(link, OPENED, hello, from, identity, &engine, content.clone(), &traffic).await;
+                // Who closes at once doesn't want us.
+                if started.elapsed() > LASTING {
+                    backoff.reset();
+                }
+            }
+            Ok(Err(error)) => {
+                tracing::info!(%address, %error, "no link to the other backplane; trying again");
+                post(&engine, Event::Lost { key: OPENED, reason: error.to_string() }).await;
+            }
+            Err(_) => drop(post(&engine, Event::Lost { key: OPENED, reason: "no answer".into() }).await),
+        }
+        tokio::time::sleep(backoff.next_wait()).await;
+    }
+}
+
+/// Carries a link from its greeting to its end.
+async fn carry(
+    link: Link<Stream>,
+    key: BoardKey,
+    hello: Hello,
+    from: SocketAddr,
+    identity: Option<Identity>,
+    engine: &SyncSender<Event>,
+    content: Arc<Content>,
+    traffic: &Arc<Traffic>,
+) {
+    let role = hello.role.clone();
+    let is_board = matches!(role, Role::Board { .. });
     let (queue, waiting) = mpsc::channel(OUTBOX);
     let (pieces, wanted) = mpsc::channel(PIECES);
     let cut = CancellationToken::new();
     let outbox = Outbox { queue, pieces, cut: cut.clone() };
     if !post(engine, Event::Hello { key, hello, from, identity, outbox }).await {
-        return Ok(());
+        return;
     }
     let (sink, source) = link.split();
     let counted = is_board.then(|| traffic.clone());
     let writer = tokio::spawn(write(sink, waiting, wanted, content, counted, cut.clone()));
     let reading = async {
-        if is_board {
-            read_board(source, key, engine, traffic).await
-        } else {
-            read_compositor(source, key, engine).await
+        match role {
+            Role::Board { .. } => read_board(source, key, engine, traffic).await,
+            Role::Compositor { .. } => read_compositor(source, key, engine).await,
+            Role::Backplane => read_peer(source, key, engine).await,
         }
     };
     let ended = tokio::select! {
@@ -229,7 +301,6 @@ async fn serve(
     cut.cancel();
     // The writer only ever ends; that it was cancelled is no news.
     let _ = writer.await;
-    Ok(())
 }
 
 /// Whether a peer said what it may not, rather than went away.
@@ -252,6 +323,19 @@ async fn read_board(
         traffic.from_boards.fetch_add(frame.len() as u64 + LENGTH_BYTES, Ordering::Relaxed);
         let (message, payload) = codec::decode::<FromBoard>(frame.freeze())?;
         if !post(engine, Event::Board { key, message, payload }).await {
+            break;
+        }
+    }
+    Ok(())
+}
+
+async fn read_peer(
+    mut source: SplitStream<Link<Stream>>,
+    key: BoardKey,
+    engine: &SyncSender<Event>,
+) -> Result<(), LinkError> {
+    while let Some((message, _)) = receive::<BetweenBackplanes>(&mut source).await? {
+        if !post(engine, Event::Peer { key, message }).await {
             break;
         }
     }

@@ -6,7 +6,7 @@
 //!
 //! | module | what |
 //! |---|---|
-//! | `links` | sockets of boards and compositors |
+//! | `links` | sockets of boards, compositors and the other backplane |
 //! | `engine` | the loop: facts in, frames and swaps out |
 //! | `director` | what a frame shows: poses, views, selection |
 //! | `lists` | list scripts from revision to revision |
@@ -87,6 +87,8 @@ pub struct Config {
     pub board_memory: u64,
     /// How links to boards and compositors are protected.
     pub trust: Trust,
+    /// Stand by for the manager whose backplane is at this `host:port`; `None`: lead.
+    pub stands_by_for: Option<String>,
     /// Where boards and compositors connect (TCP).
     pub listen: SocketAddr,
     /// Where native pose packets arrive (UDP).
@@ -179,6 +181,7 @@ pub async fn run(
     let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
     let started = Instant::now();
     let listener = Listener::new(backplane, config.trust.clone());
+    let dialled = config.stands_by_for.clone().map(|address| (address, config.trust.clone()));
     let engine = Engine::new(config, content.clone(), catalogue, poses.clone(), traffic.clone(), started);
     let (ended, end) = tokio::sync::oneshot::channel();
     std::thread::Builder::new()
@@ -188,7 +191,11 @@ pub async fn run(
         .map_err(ManagerError::Thread)?;
 
     let mut tasks = tokio::task::JoinSet::new();
-    tasks.spawn(links::listen(listener, facts.clone(), content, traffic));
+    let keys = links::first_key(dialled.is_some());
+    tasks.spawn(links::listen(listener, facts.clone(), content.clone(), traffic.clone(), keys));
+    if let Some((address, trust)) = dialled {
+        tasks.spawn(links::dial(address, trust, facts.clone(), content, traffic));
+    }
     tasks.spawn(receive_poses(poses, facts.clone(), started));
     #[cfg(feature = "console")]
     let _console = match console {

@@ -73,7 +73,7 @@ pub struct EventEntry {
     pub time_s: f64,
     /// The frame that was to open next.
     pub frame: u64,
-    /// `joined`, `draws`, `left`, `lost`, `whole`, `refused`, `put out`, …
+    /// `joined`, `draws`, `left`, `lost`, `whole`, `refused`, `put out`, `leads`, `resigned`, …
     pub event: &'static str,
     /// Who and why.
     pub detail: String,
@@ -177,6 +177,8 @@ pub(crate) struct Present {
     pub views: u32,
     pub boards: usize,
     pub epochs: u64,
+    pub leads: bool,
+    pub term: u64,
     pub divider: u32,
     pub scale: u32,
     pub seconds: f64,
@@ -211,8 +213,14 @@ pub struct Report {
     pub views: u32,
     /// Boards in the row now.
     pub boards: usize,
-    /// Wirings so far.
+    /// Wirings so far, in this term.
     pub epochs: u64,
+    /// Whether this manager leads, or stands by.
+    pub leads: bool,
+    /// By which term it leads; 0: nobody can take its place.
+    pub term: u64,
+    /// Frames that were not shown because too few boards were ready with them for sure that nobody else leads.
+    pub held_frames: u64,
     /// Frames in which some view repeated.
     pub late_frames: u64,
     /// Views that repeated.
@@ -261,6 +269,7 @@ pub struct Report {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Statistics {
     pub frames: u64,
+    pub held_frames: u64,
     pub late_frames: u64,
     pub frames_ahead: u64,
     pub repeated_views: u64,
@@ -372,13 +381,29 @@ impl Statistics {
     }
 
     pub(crate) fn report(&self, present: Present) -> Report {
-        let Present { time, views, boards, epochs, divider, scale, seconds, link_bytes, scene_bytes, memory } = present;
+        let Present {
+            time,
+            views,
+            boards,
+            epochs,
+            leads,
+            term,
+            divider,
+            scale,
+            seconds,
+            link_bytes,
+            scene_bytes,
+            memory,
+        } = present;
         let per_frame = |sum: u64| (sum as f64 / self.frames.max(1) as f64 * 10.0).round() / 10.0;
         Report {
             frames: self.frames,
             views,
             boards,
             epochs,
+            leads,
+            term,
+            held_frames: self.held_frames,
             late_frames: self.late_frames,
             repeated_views: self.repeated_views,
             time_s: time.as_secs_f64(),

@@ -137,6 +137,15 @@ impl BackplaneChain {
         Self { epoch: Epoch::first_of(term), quorum: Some(quorum), ..Self::new() }
     }
 
+    /// From now on another backplane may replace this one, which has led without a term and leads by `term`: boards are wired anew, and nothing is
+    /// shown until that wiring is in effect.
+    pub fn on_term(&mut self, now: Time, term: Term) {
+        self.epoch = Epoch::first_of(term);
+        self.quorum = Some(Quorum::default());
+        self.beat = now;
+        self.rewire(now);
+    }
+
     /// A board that came after the term was won has granted it too.
     pub fn on_granted(&mut self, key: BoardKey, seen: Seen) {
         if let Some(quorum) = &mut self.quorum {

@@ -27,7 +27,9 @@ pub use backplane::{BACKPLANE_BEAT, BackplaneChain, BackplaneOutput, Wiring};
 pub use board::{BoardChain, BoardOutput, LinkId, Place};
 pub use frame_clock::{ClockMode, ClockOutput, FrameClock};
 pub use rate::RateControl;
-pub use term::{Answer, Ask, BetweenBackplanes, BoardTerm, LEADER_SILENCE, Quorum, Seen, StandBy, StandByOutput};
+pub use term::{
+    Answer, Ask, BetweenBackplanes, BoardTerm, LEADER_SILENCE, NoStandBy, Quorum, Seen, StandBy, StandByOutput,
+};
 pub use watch::{BEAT, PERIOD, SILENCE, Watch};
 
 use crate::ids::{BoardKey, Epoch, FrameNumber};

@@ -41,7 +41,7 @@ const DOUBLINGS_MAX: u32 = 5;
 pub struct Ask {
     /// The term it wants, or leads by.
     pub term: Term,
-    /// It leads already, and asks a board that came later.
+    /// It leads already, and asks a board that came later, or that it leads without.
     pub leads: bool,
 }
 
@@ -93,6 +93,25 @@ pub enum BetweenBackplanes {
         /// The wiring.
         epoch: Epoch,
     },
+    /// Leader → stand-by: nobody can stand by here.
+    Refused {
+        /// Why.
+        why: NoStandBy,
+    },
+    /// First, of who doesn't lead.
+    Stands {
+        /// The highest term that it has heard of.
+        highest: Term,
+    },
+}
+
+/// Why a backplane can't have a stand-by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum NoStandBy {
+    /// It flies in lock-step, where every frame waits for everybody.
+    LockStep,
+    /// It has one already.
+    Taken,
 }
 
 /// A board's part: which term it serves.
@@ -109,6 +128,11 @@ impl BoardTerm {
     /// The term that is served.
     pub fn term(&self) -> Term {
         self.term
+    }
+
+    /// The wiring that the board last drew under, if any.
+    pub fn wiring(&self) -> Option<Seen> {
+        self.wiring
     }
 
     /// A backplane that leads by `term` speaks. Returns whether it is served; if not, what it says is not to be followed.
@@ -145,7 +169,8 @@ impl BoardTerm {
         let is_led = self.heard.is_some_and(|heard| now.since(heard) < LEADER_SILENCE);
         // Only who leads by a term may have it twice: one that has lost it, and asks anew, would repeat its epochs.
         let again = ask.leads && ask.term == self.term;
-        if (ask.term > self.term && !is_led) || again {
+        // Who leads already has its majority: the backplane that is heard has lost its own.
+        if (ask.term > self.term && (!is_led || ask.leads)) || again {
             if !again {
                 self.heard = None;
             }
@@ -211,7 +236,8 @@ impl StandBy {
         Self {
             rank: rank % 2,
             highest,
-            floor: Epoch(0),
+            // A leader without a term shows what it likes, whomever else the boards follow: from it nothing can be taken over.
+            floor: Epoch::first_of(Term(1)),
             leader,
             watch: Watch::default(),
             boards: BTreeSet::new(),
@@ -231,6 +257,8 @@ impl StandBy {
                 // Boards that have granted a higher term refuse it, and it resigns: nothing is lost by waiting for that.
                 self.highest = self.highest.max(term);
                 self.leader.on_heard(now, ());
+                // Whichever was the first, the two never ask for the same one.
+                self.rank = (term.0 + 1) % 2;
                 self.give_up();
             }
             // While it asks for a term, grants under an older wiring may have been counted.

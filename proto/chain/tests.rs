@@ -1,6 +1,8 @@
 //! The two ends of the chain wired together in memory: every message is encoded and decoded on its way, links take a
 //! random time, and boards come and go by a seed.
 
+mod terms;
+
 use super::*;
 use crate::codec;
 use crate::message::NeighbourMessage;

@@ -34,7 +34,8 @@ impl NodeRole {
     /// Who may open a link to a node of this role.
     pub(crate) fn accepts(self) -> &'static [Self] {
         match self {
-            Self::Manager => &[Self::Board, Self::Compositor],
+            // The other one stands by.
+            Self::Manager => &[Self::Board, Self::Compositor, Self::Manager],
             // Its right neighbour.
             Self::Board => &[Self::Board],
             Self::Compositor => &[Self::Board],

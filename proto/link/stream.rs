@@ -52,6 +52,17 @@ impl Stream {
             Inner::Tls(stream) => stream.get_ref().0.local_addr(),
         }
     }
+
+    /// The other end's address.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn peer_addr(&self) -> io::Result<SocketAddr> {
+        match &self.inner {
+            Inner::Plain(stream) => stream.peer_addr(),
+            Inner::Tls(stream) => stream.get_ref().0.peer_addr(),
+        }
+    }
 }
 
 impl AsyncRead for Stream {

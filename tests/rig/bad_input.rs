@@ -138,6 +138,23 @@ fn wrong_flags_are_usage_errors() {
 }
 
 #[test]
+fn what_no_rig_with_a_stand_by_can_be_is_refused() {
+    assert!(fails(2, &["manager", "--standby", "127.0.0.1:7400", "--lock-step"]).contains("--lock-step"));
+    let error = fails(1, &["manager", "--standby", "127.0.0.1:7400", "--listen", "127.0.0.1:7400"]);
+    assert!(error.contains("listens at 127.0.0.1:7400 itself"), "{error}");
+    let three = "127.0.0.1:1,127.0.0.1:2,127.0.0.1:3";
+    assert!(fails(1, &["channel", "--backplane", three]).contains("there can be two: one leads, and one stands by"));
+    let twice = ["compositor", "--backplane", "127.0.0.1:1", "--backplane", "127.0.0.1:1"];
+    assert!(fails(1, &twice).contains("given twice"));
+    let folder = tempfile::tempdir().unwrap();
+    let flight = write(folder.path(), "path.json", r#"[{"eye": [1, 2, 3], "target": [0, 0, 0]}]"#);
+    let both = ["host", "play", &flight, "--lock-step", "--to", "127.0.0.1:1", "--to", "127.0.0.1:2"];
+    assert!(fails(1, &both).contains("in lock-step there is one manager"));
+    let anywhere = write(folder.path(), "rig.toml", "[ports]\nbackplane = \"0.0.0.0:7400\"\n");
+    assert!(fails(1, &["manager", "--rig", &anywhere, "--standby"]).contains("--standby HOST:PORT"));
+}
+
+#[test]
 fn an_unknown_rig_key_is_refused_with_line_and_suggestion() {
     let folder = tempfile::tempdir().unwrap();
     let file = write(folder.path(), "rig.toml", "scene = \"airport\"\n\n[ports]\nbackplan = \"127.0.0.1:0\"\n");

@@ -1,8 +1,9 @@
 //! Rubbish on every port of a flying rig: it is counted and dropped, and the rig goes on.
 
 use crate::program::Rig;
+use proto::chain::Answer;
 use proto::codec::{self, encode_ids};
-use proto::ids::ContentId;
+use proto::ids::{ContentId, Term};
 use proto::limits;
 use proto::message::{FromBoard, Hello, Role};
 use std::io::{Read, Write};
@@ -67,10 +68,10 @@ fn a_peer_of_another_version_is_refused_by_both_versions_names() {
     let mut answer = [0; codec::PREAMBLE_LEN];
     stream.read_exact(&mut answer).unwrap();
     let error = codec::agree(theirs, &answer).unwrap_err().to_string();
-    assert!(error.contains("versions 7 to 9") && error.contains("version 3"), "the peer can tell: {error}");
+    assert!(error.contains("versions 7 to 9") && error.contains("version 4"), "the peer can tell: {error}");
     let stats = rig.wait("the refusal", |stats| stats["dropped"]["connections"] == 1);
     let events = stats["events"].to_string();
-    assert!(events.contains("we speak version 3, the other side speaks versions 7 to 9"), "{events}");
+    assert!(events.contains("we speak version 4, the other side speaks versions 7 to 9"), "{events}");
     goes_on(&rig);
 }
 
@@ -144,9 +145,11 @@ type Claim = (u64, Vec<(FromBoard, Vec<u8>)>, &'static str);
 fn a_board_that_claims_what_cannot_be_is_put_out_and_counted() {
     let (rig, backplane, _) = flying();
     let id = |k: u8| ContentId([k; 16]);
-    let holding = |ids: &[ContentId]| (FromBoard::Holding { scene: None, more: false }, encode_ids(ids));
+    let holding = |ids: &[ContentId]| (FromBoard::Holding { term: Term(0), scene: None, more: false }, encode_ids(ids));
     let gib = 1 << 30;
-    let cases: [Claim; 5] = [
+    let refused = |term| (FromBoard::Answer(Answer::Refused { term: Term(term) }), Vec::new());
+    let cases: [Claim; 6] = [
+        (gib, vec![refused(u64::MAX)], "a term, a place or a frame that there can't be"),
         (
             gib,
             vec![holding(&[]), (FromBoard::Stored, encode_ids(&[id(1)]))],
@@ -162,5 +165,17 @@ fn a_board_that_claims_what_cannot_be_is_put_out_and_counted() {
         let stats = rig.wait("its being put out", |stats| stats["dropped"]["boards"] == k + 1);
         assert!(stats["events"].to_string().contains(why), "{why}: {}", stats["events"]);
     }
+    goes_on(&rig);
+}
+
+#[test]
+fn one_board_that_claims_to_follow_another_manager_does_not_end_the_rig() {
+    let (rig, backplane, _) = flying();
+    let mut stream = TcpStream::connect(backplane).unwrap();
+    stream.write_all(&codec::preamble(codec::VERSIONS)).unwrap();
+    let claim = FromBoard::Answer(Answer::Refused { term: Term(5) });
+    stream.write_all(&[hello(1 << 30), framed(&codec::encode(&claim, &[]))].concat()).unwrap();
+    let stats = rig.wait("the claim in the log", |stats| stats["events"].to_string().contains("remembers term 5"));
+    assert_eq!(stats["leads"], true, "{stats}");
     goes_on(&rig);
 }

@@ -157,7 +157,7 @@ async fn tiles_are_taken_from_the_board_alone_whose_they_are() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_board_does_not_pass_for_a_compositor_nor_the_reverse() {
+async fn a_board_does_not_pass_for_a_compositor_nor_for_a_manager_nor_the_reverse() {
     let authority = Authority::new();
     let (_manager, backplane, console) = manager(Some(&authority.issue("manager", "desk")));
     let address = backplane.to_string();
@@ -169,11 +169,16 @@ async fn a_board_does_not_pass_for_a_compositor_nor_the_reverse() {
         says(Role::Compositor { listen: "127.0.0.1:1".into(), format: PixelFormat::Srgb8, records: false });
     closes(&mut knock(&board, &address, NodeRole::Manager, &as_compositor).await).await;
     closes(&mut knock(&compositor, &address, NodeRole::Manager, &as_board).await).await;
+    closes(&mut knock(&board, &address, NodeRole::Manager, &says(Role::Backplane)).await).await;
+    let other = trust(&authority, NodeRole::Manager, "spare");
+    closes(&mut knock(&other, &address, NodeRole::Manager, &as_board).await).await;
     let reasons = [
         "it says that it is a compositor, with the certificate of board pc1",
         "it says that it is a board, with the certificate of compositor wall",
+        "it says that it is a manager, with the certificate of board pc1",
+        "it says that it is a board, with the certificate of manager spare",
     ];
-    wait_for("both refusals in the log", || {
+    wait_for("all refusals in the log", || {
         let events = stats(console)?["events"].to_string();
         reasons.iter().all(|reason| events.contains(reason)).then_some(())
     });

@@ -21,6 +21,7 @@ mod pictures;
 mod place;
 #[allow(dead_code, reason = "what all suites share; each uses a part")]
 mod program;
+mod standby;
 mod still;
 mod streaming;
 mod transition;

@@ -65,9 +65,32 @@ impl Drop for Daemon {
     }
 }
 
+impl Daemon {
+    /// Sends it a signal.
+    pub(crate) fn signal(&self, signal: rustix::process::Signal) {
+        let pid = rustix::process::Pid::from_raw(self.0.id() as i32).expect("a process number");
+        rustix::process::kill_process(pid, signal).expect("the process is there");
+    }
+}
+
 /// Starts one.
 pub(crate) fn daemon(args: &[&str]) -> Daemon {
     Daemon(cyclorama().args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
+}
+
+/// Starts a manager; returns where it listens for boards, poses and browsers.
+pub(crate) fn manager(args: &[&str]) -> (Daemon, [SocketAddr; 3]) {
+    let mut command = cyclorama();
+    // It would end with its stdin.
+    command.args(["manager", "--supervised"]).args(args).stdin(Stdio::piped());
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("the program starts");
+    let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines().map_while(Result::ok);
+    let first = lines.next().expect("it says where it listens");
+    // Keep the pipe open and empty, or the manager would fail to write to it.
+    std::thread::spawn(move || lines.for_each(drop));
+    let said: Value = serde_json::from_str(&first).expect("a line of JSON");
+    let address = |name: &str| said["listening"][name].as_str().expect("an address").parse().expect("an address");
+    (Daemon(child), ["backplane", "pose", "console"].map(address))
 }
 
 /// An address of this machine at which nobody listens at present.

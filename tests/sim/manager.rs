@@ -208,6 +208,8 @@ impl Manager {
             Guest::Compositor { .. } => {
                 self.displays.insert(wire);
             }
+            // Its links are told from others by their purpose.
+            Guest::Backplane => {}
         }
     }
 

@@ -41,6 +41,7 @@ impl Engine {
         if more {
             return;
         }
+        board.is_known = true;
         if scene == Some(self.content.id) {
             board.has_table = true;
         } else {
@@ -97,6 +98,9 @@ impl Engine {
 
     /// Takes boards into the row that hold what is needed now, as far as they have room.
     pub(super) fn admit(&mut self) {
+        if !self.leadership.leads() {
+            return;
+        }
         let now = self.now();
         let is_waiting = |board: &Board| !(board.has_joined || board.is_leaving || board.is_out || board.is_held);
         let waiting = self.boards.iter().filter(|(_, board)| is_waiting(board));
@@ -110,7 +114,8 @@ impl Engine {
             let is_ready = self.stream.is_ready(key);
             let Some(board) = self.boards.get_mut(&key).filter(|board| board.has_table) else { continue };
             let is_patient = self.config.mode == super::ClockMode::LockStep || !self.chain.is_empty();
-            if !is_ready && (is_patient || now.since(board.since) < JOIN_PATIENCE) {
+            // Who has drawn until now draws on: what it lacks, nobody shows.
+            if !is_ready && !board.is_heir && (is_patient || now.since(board.since) < JOIN_PATIENCE) {
                 continue;
             }
             board.has_joined = true;
