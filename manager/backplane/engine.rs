@@ -229,6 +229,13 @@ pub(crate) struct Engine {
     is_over: bool,
 }
 
+/// A clock whose first frame is that one.
+fn clock(config: &Config, first: FrameNumber, views: usize) -> FrameClock {
+    let mut clock = FrameClock::new(config.mode, first, views as u32);
+    clock.allow_scale(config.scale_max);
+    clock
+}
+
 impl Engine {
     pub(crate) fn new(
         mut config: Config,
@@ -246,8 +253,7 @@ impl Engine {
             ClockMode::RealTime { period } => chain.set_period(period),
             ClockMode::LockStep => chain.set_silence(LOCK_STEP_SILENCE),
         }
-        let mut clock = FrameClock::new(config.mode, FrameNumber(0), director.views().len() as u32);
-        clock.allow_scale(config.scale_max);
+        let clock = clock(&config, FrameNumber(0), director.views().len());
         let leadership = Leadership::new(config.stands_by_for.is_some());
         Self {
             config,

@@ -8,13 +8,13 @@
 //! A stand-by has imported the scene, hears boards, compositor and host, and sends nobody any work. What boards hold it is told with their
 //! grant ([`FromBoard::Holding`]), so that nothing is sent again.
 
-use super::{Board, Engine};
+use super::{Board, Engine, clock};
+use crate::backplane::ahead::Ahead;
 use crate::backplane::calm::Calm;
 use crate::backplane::links::Outbox;
 use bytes::Bytes;
 use proto::chain::{
-    Answer, Ask, BEAT, BackplaneChain, BetweenBackplanes, ClockMode, FrameClock, NoStandBy, Quorum, Seen, StandBy,
-    StandByOutput,
+    Answer, Ask, BEAT, BackplaneChain, BetweenBackplanes, ClockMode, NoStandBy, Quorum, Seen, StandBy, StandByOutput,
 };
 use proto::codec::encode;
 use proto::ids::{BoardKey, ContentId, Epoch, FrameNumber, Term};
@@ -243,8 +243,8 @@ impl Engine {
         if let ClockMode::RealTime { period } = self.config.mode {
             self.chain.set_period(period);
         }
-        self.clock = FrameClock::new(self.config.mode, first, self.director.views().len() as u32);
-        self.calm = Calm::default();
+        self.clock = clock(&self.config, first, self.director.views().len());
+        (self.calm, self.ahead) = (Calm::default(), Ahead::default());
         (self.last_swap, self.broken, self.leadership.asked) = (None, None, None);
         for (key, board) in &mut self.boards {
             self.stream.on_lost(*key);
