@@ -2,6 +2,8 @@
 
 mod keys;
 mod service;
+#[cfg(test)]
+mod used;
 
 pub(crate) use keys::{KeysArgs, KeysCommand, KeysInitArgs, KeysIssueArgs, KeysShowArgs, TrustArgs};
 pub(crate) use service::{CompletionsArgs, HealthArgs, ManArgs};
@@ -892,15 +894,9 @@ fn console(text: &str) -> Result<Console, String> {
 }
 
 #[cfg(test)]
-#[path = "../tests/docs/blocks.rs"]
-#[expect(dead_code, reason = "the suite that runs the commands needs more of them")]
-mod blocks;
-
-#[cfg(test)]
 mod tests {
     use super::*;
     use clap::CommandFactory;
-    use serde::Deserialize;
 
     #[test]
     fn the_definition_is_consistent() {
@@ -914,100 +910,6 @@ mod tests {
             let mut shown = command.get_subcommands().next().unwrap_or(command).clone();
             let help = shown.render_long_help().to_string();
             assert!(help.contains("Example"), "{}", command.get_name());
-        }
-    }
-
-    #[test]
-    fn the_commands_in_the_pages_are_understood() {
-        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-        let mut count = 0;
-        for block in blocks::pages(root).into_iter().flat_map(|page| page.blocks) {
-            for line in block.text.replace("\\\n", " ").lines() {
-                let words = shlex::split(line).unwrap_or_else(|| panic!("{}: quotes in {line}", block.place));
-                let is_end = |word: &String| matches!(word.as_str(), "|" | ">" | "&" | "&&" | ";" | "||");
-                for command in words.split(is_end) {
-                    let Some(args) = program(command) else { continue };
-                    count += 1;
-                    let parsed =
-                        Cli::try_parse_from(std::iter::once("cyclorama").chain(args.iter().map(String::as_str)));
-                    // Asking for help or the version is "an error" that ends well.
-                    if let Err(error) = parsed
-                        && error.exit_code() != 0
-                    {
-                        panic!("{}: {line}\n{error}", block.place);
-                    }
-                }
-            }
-        }
-        assert!(count > 30, "{count} commands found");
-    }
-
-    /// Services, containers and pods start the program with arguments; those with a variable in them get some value.
-    #[test]
-    fn what_services_and_containers_say_is_understood() {
-        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-        let mut commands = Vec::new();
-        for entry in std::fs::read_dir(folder.join("systemd")).unwrap() {
-            let path = entry.unwrap().path();
-            let text = std::fs::read_to_string(&path).unwrap_or_default();
-            let lines = text.lines().filter_map(|line| line.strip_prefix("ExecStart=/usr/bin/cyclorama "));
-            commands.extend(lines.map(|line| (path.clone(), shlex::split(line).unwrap())));
-        }
-        let manifests = ["base/manager", "base/board", "base/compositor", "trial/host"];
-        let manifests = manifests.map(|name| format!("kubernetes/{name}.yaml"));
-        for name in manifests.iter().map(String::as_str).chain(["compose.yaml"]) {
-            let path = folder.join(name);
-            let text = std::fs::read_to_string(&path).unwrap();
-            for document in serde_yaml_ng::Deserializer::from_str(&text) {
-                let document = serde_json::Value::deserialize(document).unwrap();
-                collect(&document, &mut |args| commands.push((path.clone(), args)));
-            }
-        }
-        assert!(commands.len() >= 14, "{commands:?}");
-        for (path, args) in commands {
-            let args = args.iter().map(|word| filled(word));
-            if let Err(error) = Cli::try_parse_from(std::iter::once("cyclorama".to_owned()).chain(args)) {
-                panic!("{}: {error}", path.display());
-            }
-        }
-    }
-
-    /// With its variable's default, as in `${SIZE:-640x360}`, or some name.
-    fn filled(word: &str) -> String {
-        let Some((before, variable)) = word.split_once('$') else { return word.to_owned() };
-        let (variable, after) = variable.split_once(['}', ')']).unwrap();
-        let (_, default) = variable.split_once(":-").unwrap_or((variable, "name"));
-        format!("{before}{default}{after}")
-    }
-
-    /// Arguments of the program in a description of containers: what is run, and what they are asked by.
-    fn collect(value: &serde_json::Value, found: &mut impl FnMut(Vec<String>)) {
-        let words = |value: &serde_json::Value| -> Vec<String> {
-            value.as_array().into_iter().flatten().filter_map(|word| word.as_str().map(str::to_owned)).collect()
-        };
-        if let Some(fields) = value.as_object() {
-            for (key, value) in fields {
-                let said = words(value);
-                let own = said.iter().position(|word| word == "/cyclorama").map_or(0, |at| at + 1);
-                match key.as_str() {
-                    "args" | "command" | "entrypoint" | "test" if said.len() > own => found(said[own..].to_vec()),
-                    _ => collect(value, found),
-                }
-            }
-        }
-        value.as_array().into_iter().flatten().for_each(|value| collect(value, found));
-    }
-
-    /// The arguments, if this command is ours.
-    fn program(command: &[String]) -> Option<&[String]> {
-        let is_assignment = |word: &&String| word.starts_with("CYCLORAMA_") && word.contains('=');
-        let command = &command[command.iter().take_while(is_assignment).count()..];
-        match command {
-            [first, rest @ ..] if first == "cyclorama" => Some(rest),
-            [first, second, rest @ ..] if first == "cargo" && second == "run" => {
-                Some(rest.iter().position(|word| word == "--").map_or(&[], |at| &rest[at + 1..]))
-            }
-            _ => None,
         }
     }
 

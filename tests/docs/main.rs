@@ -3,7 +3,7 @@
 //!
 //! What runs until somebody ends it, such as a manager, is put into the background by `bin/cyclorama`, a script of this suite's, and must
 //! still be there at the end of its page. The rig's usual ports are exchanged for free ones. Blocks that can't be run say why in a
-//! comment above them; that their arguments are understood is tested beside the command line's definition, in `deploy/cli.rs`.
+//! comment above them; that their arguments are understood is tested in `deploy/cli/used.rs`.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
