@@ -314,3 +314,22 @@ fn names_of_nodes_are_labels() {
     let empty = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
     assert_eq!(Fingerprint::of(b"").to_string(), empty);
 }
+
+/// A machine that is gone says nothing, and the system would try for minutes.
+#[tokio::test]
+async fn who_does_not_answer_a_connection_is_given_up_soon() {
+    // A listener whose queue is full answers nobody.
+    let socket = tokio::net::TcpSocket::new_v4().unwrap();
+    socket.bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let listener = socket.listen(1).unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let mut queued = Vec::new();
+    let error = loop {
+        match Trust::LOOPBACK.connect(&address, &Expected::any(NodeRole::Manager)).await {
+            Ok(stream) => queued.push(stream),
+            Err(error) => break error,
+        }
+        assert!(queued.len() < 100, "the queue is endless");
+    };
+    assert_eq!(error.kind(), std::io::ErrorKind::TimedOut, "{error}");
+}

@@ -14,6 +14,9 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
+/// A rig's machines are near each other: what doesn't answer a connection in this time is gone, perhaps to another address, and is better looked for again.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
+
 /// A handshake needs two round trips and about a millisecond; a stalled machine may take a second.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long, and for how many bytes, a peer that was refused is still listened to.
@@ -95,7 +98,9 @@ impl Trust {
     /// # Errors
     /// The system's, or why the other side isn't who it should be.
     pub async fn connect(&self, address: &str, expected: &Expected) -> io::Result<Stream> {
-        let stream = TcpStream::connect(address).await?;
+        let silent = || io::Error::new(io::ErrorKind::TimedOut, "nobody answers there");
+        let stream =
+            tokio::time::timeout(CONNECT_TIMEOUT, TcpStream::connect(address)).await.map_err(|_| silent())??;
         stream.set_nodelay(true)?;
         match &self.0 {
             Means::Keys(keys) => {
