@@ -358,7 +358,12 @@ impl Board {
         if self.sessions.len() == 1 && self.config.once {
             return Stop::End(Ok(()));
         }
-        tracing::info!(backplane = %self.config.backplanes[index], "the rig has ended; waiting for the next");
+        let backplane = &self.config.backplanes[index];
+        if self.sessions.len() == 1 {
+            tracing::info!(%backplane, "the rig has ended; waiting for the next");
+        } else {
+            tracing::info!(%backplane, "this backplane has ended; waiting for it, or the other one");
+        }
         Stop::Link(LinkError::Closed)
     }
 

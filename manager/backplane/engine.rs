@@ -628,8 +628,8 @@ impl Engine {
                 BackplaneOutput::Released(key) => self.release(key),
                 BackplaneOutput::PutOut(key, why) => self.put_out(key, why),
                 BackplaneOutput::Beat => self.tell_boards(&ToBoard::Alive),
-                BackplaneOutput::Closed(epoch) => {
-                    self.log("wired", format!("{epoch:?}: {} boards", self.chain.len()));
+                BackplaneOutput::Closed(_) => {
+                    self.log("wired", format!("epoch {}: {} boards", self.epochs(), self.chain.len()));
                     self.clock.on_rewired();
                 }
             }
