@@ -80,7 +80,7 @@ fn the_picture_moves_and_the_figures_are_the_rigs() {
     let now = rig.stats().unwrap()["frames"].as_u64().unwrap();
     assert!(frame > 0 && frame <= now + 1, "frame {frame} of {now}");
     page.wait("a chart", "document.getElementById('chart').width > 100");
-    assert!(page.text("stages").contains("raster") && page.text("skipped").contains("triangles seen from behind"));
+    assert!(page.text("stages").contains("raster") && page.text("skipped").contains("triangles from behind"));
     assert_eq!(page.errors(), Vec::<String>::new(), "the browser has nothing to complain about");
 }
 

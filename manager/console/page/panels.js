@@ -11,7 +11,7 @@ const DOING = {
 };
 const SKIPPED = {
   culled: "subobjects out of view", small: "objects too small", faded: "subobjects faded out", occluded: "hidden: triangles, pixels",
-  backface: "triangles seen from behind", tiles_opaque: "tiles without translucency", pixels_single: "pixels shaded once",
+  backface: "triangles from behind", tiles_opaque: "tiles without translucency", pixels_single: "pixels shaded once",
   tiles_unchanged: "tiles not sent again", frames_unchanged: "board frames unchanged", frames_idle: "frames not opened", meshes_cached: "meshes kept by boards",
 };
 const TONES = { lost: "bad", "put out": "bad", refused: "warn", incomplete: "bad", substituted: "warn", draws: "good", whole: "good", control: "warn" };
