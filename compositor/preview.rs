@@ -42,6 +42,7 @@ impl Previews {
         let shared = Arc::new(Shared::default());
         let own = Arc::clone(&shared);
         std::thread::Builder::new().name("preview".into()).spawn(move || {
+            // On Linux this is the calling thread's own.
             if let Err(error) = rustix::process::setpriority_process(None, NICE) {
                 tracing::debug!(%error, "previews are made like anything else");
             }

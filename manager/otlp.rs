@@ -38,9 +38,7 @@ pub(crate) fn start(url: &str, desk: Desk) -> io::Result<()> {
     let endpoint = endpoint(url)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     std::thread::Builder::new().name("otlp".into()).spawn(move || {
-        if let Err(error) = rustix::process::setpriority_process(None, NICE) {
-            tracing::debug!(%error, "traces are sent like anything else");
-        }
+        crate::console::give_way(NICE);
         if let Err(error) = runtime.block_on(send(&endpoint, &desk)) {
             tracing::error!(error, "traces are not sent");
         }

@@ -111,7 +111,7 @@ impl Crowd {
 
 /// One viewer, until it is over.
 fn look(console: SocketAddr, is_over: &AtomicBool, shown: &AtomicU64) -> Result<(), String> {
-    // Only that it isn't as polite as it could be.
+    // If that fails, it only isn't as polite as it could be.
     let _ = rustix::process::setpriority_process(None, NICE);
     let lost = |error: tungstenite::Error| format!("a viewer has lost the console: {error}");
     let stream = TcpStream::connect(console).map_err(|error| error.to_string())?;

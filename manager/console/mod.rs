@@ -93,15 +93,23 @@ impl Console {
         let end = CancellationToken::new();
         let ended = end.clone();
         std::thread::Builder::new().name("console".into()).spawn(move || {
-            if let Err(error) = rustix::process::setpriority_process(None, NICE) {
-                tracing::debug!(%error, "the console's thread runs like any other");
-            }
+            give_way(NICE);
             let room = Room { desk, access, observer: Observer::default(), pictures: Pictures::default() };
             if let Err(error) = runtime.block_on(serve(listener, Arc::new(room), ended)) {
                 tracing::error!(%error, "the console has ended");
             }
         })?;
         Ok(Self { _end: end.drop_guard() })
+    }
+}
+
+/// Lets the calling thread yield to others, as `nice` does; one that yields more already is left alone.
+pub(crate) fn give_way(nice: i32) {
+    use rustix::process::{getpriority_process, setpriority_process};
+    // On Linux each thread has its own, and no process number means the calling one.
+    let given = getpriority_process(None).and_then(|now| setpriority_process(None, now.max(nice)));
+    if let Err(error) = given {
+        tracing::debug!(%error, "a thread that should yield runs like any other");
     }
 }
 

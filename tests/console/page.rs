@@ -80,7 +80,7 @@ fn the_picture_moves_and_the_figures_are_the_rigs() {
     let now = rig.stats().unwrap()["frames"].as_u64().unwrap();
     assert!(frame > 0 && frame <= now + 1, "frame {frame} of {now}");
     page.wait("a chart", "document.getElementById('chart').width > 100");
-    assert!(page.text("stages").contains("raster") && page.text("skipped").contains("triangles seen from behind"));
+    assert!(page.text("stages").contains("raster") && page.text("skipped").contains("triangles from behind"));
     assert_eq!(page.errors(), Vec::<String>::new(), "the browser has nothing to complain about");
 }
 
@@ -351,7 +351,7 @@ fn pictures_for_the_docs() {
     // Tests run in their package's folder.
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
     let args = ["--views", "3", "--boards", "5", "--size", "480x270", "--samples", "4", "--rate", "10"];
-    let Some((rig, mut page)) = open(&args, (1280, 1480)) else { return };
+    let Some((rig, mut page)) = open(&args, (1160, 1440)) else { return };
     rig.wait("a while of flight", |stats| stats["seconds"].as_f64() > Some(70.0));
     kill(board(&rig, "3"));
     wait_for("the card", || (word(&mut page, "3") == "LOST").then_some(()));
@@ -363,7 +363,7 @@ fn pictures_for_the_docs() {
         let shot = page.call("Page.captureScreenshot", format);
         std::fs::write(folder.join(name), base64(shot["data"].as_str().unwrap())).unwrap();
     };
-    shoot("console.png", (1280, 1480), &json!({"format": "png"}));
+    shoot("console.png", (1160, 1440), &json!({"format": "png"}));
     shoot("console-phone.png", PHONE, &json!({"format": "png"}));
     for name in ["console.png", "console-phone.png"] {
         assert!(std::fs::metadata(folder.join(name)).unwrap().len() < 400_000, "{name} is for a page of text");

@@ -82,8 +82,11 @@ export class Chart {
       g.beginPath(); g.moveTo(left, at); g.lineTo(width - right, at); g.stroke();
       g.setLineDash([]);
       g.textAlign = "left";
+      const label = `deadline ${this.deadline.toFixed(1)} ms`;
+      g.fillStyle = "#0f1418d8";
+      g.fillRect(left + 3, at - 18, g.measureText(label).width + 8, 16);
       g.fillStyle = "#ff8a80";
-      g.fillText(`deadline ${this.deadline.toFixed(1)} ms`, left + 6, at - 5);
+      g.fillText(label, left + 7, at - 6);
     }
   }
 

@@ -10,8 +10,8 @@ const DOING = {
   no_boards: ["NO BOARDS", "bad"], no_compositor: ["NO DISPLAY", "bad"], paused: ["PAUSED", "warn"], running: ["RUNNING", "good"], waiting: ["WAITING", "warn"],
 };
 const SKIPPED = {
-  culled: "subobjects out of view", small: "objects too small", faded: "subobjects beyond visibility", occluded: "hidden: triangles, pixels",
-  backface: "triangles seen from behind", tiles_opaque: "tiles without translucency", pixels_single: "pixels shaded once",
+  culled: "subobjects out of view", small: "objects too small", faded: "subobjects faded out", occluded: "hidden: triangles, pixels",
+  backface: "triangles from behind", tiles_opaque: "tiles without translucency", pixels_single: "pixels shaded once",
   tiles_unchanged: "tiles not sent again", frames_unchanged: "board frames unchanged", frames_idle: "frames not opened", meshes_cached: "meshes kept by boards",
 };
 const TONES = { lost: "bad", "put out": "bad", refused: "warn", incomplete: "bad", substituted: "warn", draws: "good", whole: "good", control: "warn" };
@@ -169,8 +169,9 @@ export class Panels {
     card.button = make("button", { type: "button" });
     card.button.addEventListener("click", () => this.takeOrPut(card.board));
     const meter = make("div", { className: "meter", ariaHidden: "true" }, card.bar);
-    const top = make("div", { className: "top" }, card.id, card.word, card.name);
-    card.root = make("li", {}, top, values, meter, make("div", { className: "foot" }, card.note, card.button));
+    const top = make("div", { className: "top" }, card.id, card.word);
+    const who = make("div", { className: "who" }, card.name, card.note);
+    card.root = make("li", {}, top, values, meter, make("div", { className: "foot" }, who, card.button));
     this.$("boards").append(card.root);
     return card;
   }
