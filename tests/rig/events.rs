@@ -33,8 +33,10 @@ impl Rig {
     fn start_manager(&mut self) {
         let (listen, page) = (self.backplane.to_string(), self.console.to_string());
         let scene = ["manager", "--scene", "runway", "--views", "1", "--size", "96x64", "--samples", "1"];
+        // On a busy machine the picture would else become another one.
+        let still = ["--lowest-resolution", "1"];
         let ports = ["--listen", &listen, "--console", &page, "--pose-listen", "127.0.0.1:0"];
-        self.manager = Some(daemon(&[&scene[..], &ports[..]].concat()));
+        self.manager = Some(daemon(&[&scene[..], &still[..], &ports[..]].concat()));
     }
 
     fn wait(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
