@@ -174,8 +174,7 @@ impl FrameClock {
         assert!(self.open.is_none() && self.mode != ClockMode::LockStep, "frame {} is not idle", self.next_frame);
         let frame = self.next_frame;
         self.next_frame.0 += 1;
-        // Boards that have nothing to do could follow any rate.
-        self.rate.on_timely(Duration::ZERO);
+        self.rate.on_idle();
         self.step_tick(now);
         frame
     }

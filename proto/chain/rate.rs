@@ -75,13 +75,15 @@ pub struct RateControl {
     doubt: u32,
     /// Nominal periods since the last rise.
     risen: u32,
+    /// What the last timely frame took.
+    took: Duration,
 }
 
 impl RateControl {
     /// Nominal period of a frame; full resolution always.
     pub fn new(period: Duration) -> Self {
         let step = Step { divider: 1, scale: 1 };
-        Self { period, step, scale_max: 1, late: 0, calm: 0, doubt: 1, risen: PROBATION_PERIODS }
+        Self { period, step, scale_max: 1, late: 0, calm: 0, doubt: 1, risen: PROBATION_PERIODS, took: Duration::ZERO }
     }
 
     /// Lets resolution fall to this part of the full one each way, a power of two.
@@ -106,6 +108,18 @@ impl RateControl {
 
     /// A frame was complete after `took`.
     pub fn on_timely(&mut self, took: Duration) {
+        self.took = took;
+        self.follow(took);
+    }
+
+    /// A tick passed without a frame, for nothing had changed. Boards that have nothing to do could follow any rate; but at another resolution all
+    /// would have to be drawn, for which the last frame tells the cost: else a still picture would grow sharp, and blurred again, for ever.
+    pub fn on_idle(&mut self) {
+        let is_resolution_next = self.step.back().is_some_and(|(back, _)| back.scale != self.step.scale);
+        self.follow(if is_resolution_next { self.took } else { Duration::ZERO });
+    }
+
+    fn follow(&mut self, took: Duration) {
         self.late = self.late.saturating_sub(1);
         self.pass();
         match self.step.back() {
@@ -195,6 +209,20 @@ mod tests {
         let expected: Vec<_> = down.iter().chain(up).copied().collect();
         steps.dedup();
         assert_eq!(steps, expected);
+    }
+
+    #[test]
+    fn a_still_picture_gets_its_resolution_back_only_if_it_can_be_drawn_in_time() {
+        for (full_ms, scale) in [(600, 2), (60, 1)] {
+            let mut rate = RateControl::new(Duration::from_millis(16));
+            rate.allow_scale(2);
+            while rate.scale() == 1 {
+                rate.on_late();
+            }
+            (0..10).for_each(|_| rate.on_timely(Duration::from_millis(full_ms) / 4));
+            (0..1000).for_each(|_| rate.on_idle());
+            assert_eq!(rate.scale(), scale, "{full_ms} ms");
+        }
     }
 
     #[test]
