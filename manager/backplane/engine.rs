@@ -2,14 +2,16 @@
 //!
 //! It takes facts from its queue, hands them to the cores ([`BackplaneChain`], [`FrameClock`], [`Director`]), and carries
 //! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
-//! the compositor → the host's answer). `frame` opens frames, `feed` sends pieces of the scene, `standby` says whether any of this is ours
-//! to do.
+//! the compositor → the host's answer). `frame` opens frames, `swap` ends them, `host` takes poses, `feed` sends pieces of the
+//! scene, `control` does what the console asks, `standby` says whether any of this is ours to do.
 
 mod control;
 mod feed;
 mod frame;
+mod host;
 mod roster;
 mod standby;
+mod swap;
 
 use super::Config;
 use super::ahead::Ahead;
@@ -558,52 +560,6 @@ impl Engine {
         }
     }
 
-    fn on_pose(&mut self, packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness) {
-        match freshness {
-            Freshness::Stale => self.statistics.dropped.stale_poses += 1,
-            Freshness::Repeated => {
-                if let Some((to, answer)) = self.answered.filter(|(to, a)| *to == from && a.sequence == packet.sequence)
-                {
-                    self.send_answer(to, answer);
-                }
-            }
-            Freshness::New => {
-                let source = Source { from, sequence: packet.sequence, answer: packet.answer, received };
-                let now = if self.ahead.is_made() { self.ahead.hold((packet, source)) } else { Some((packet, source)) };
-                if let Some((packet, source)) = now {
-                    self.take_pose(&packet, source);
-                }
-            }
-        }
-    }
-
-    fn take_pose(&mut self, packet: &PosePacket, source: Source) {
-        self.statistics.dropped.unknown_entities += self.director.on_pose(packet);
-        self.fresh = Some(source);
-    }
-
-    /// Tells the host, if it wants to know, that its pose is on the screen. In lock-step that is once the compositor
-    /// has shown it.
-    fn answer(&mut self) {
-        let (Some(source), Some(swap)) = (self.shown, &self.last_swap) else { return };
-        let lock_step = self.is_lock_step();
-        if !source.answer || (lock_step && (!self.clock.is_idle() || self.clock.is_redraw())) {
-            return;
-        }
-        let answer = Answer { lock_step, sequence: source.sequence, frame: swap.frame.0 as u32 };
-        if self.answered != Some((source.from, answer)) {
-            self.answered = Some((source.from, answer));
-            self.send_answer(source.from, answer);
-        }
-    }
-
-    fn send_answer(&self, to: SocketAddr, answer: Answer) {
-        // A full socket buffer or a host that is gone: it will ask again.
-        if let Err(error) = self.poses.try_send_to(&answer.encode(), to) {
-            tracing::debug!(%to, %error, "answer not sent");
-        }
-    }
-
     /// Carries out what the cores want.
     fn drain(&mut self) {
         while let Some(ClockOutput::Swap { swap, opened, late, missing }) = self.clock.poll_output() {
@@ -633,65 +589,6 @@ impl Engine {
                     self.clock.on_rewired();
                 }
             }
-        }
-    }
-
-    /// Whether somebody has asked for a picture lately, and got none since.
-    fn is_picture_wanted(&self, now: Time) -> bool {
-        self.picture_wanted.is_some_and(|at| now.since(at) < PREVIEW_INTEREST)
-    }
-
-    fn swap(&mut self, mut swap: Swap, opened: Time, late: bool) {
-        let now = self.now();
-        let is_due = self.picture_made.is_none_or(|at| now.since(at) >= PREVIEW_PERIOD);
-        swap.preview = self.control.is_paused() || (is_due && self.is_picture_wanted(now));
-        if swap.preview {
-            // One for each time that somebody asks: a viewer that is slow to show them costs no more than he sees.
-            (self.picture_made, self.picture_wanted) = (Some(now), None);
-        }
-        self.calm.on_swap(!late && swap.complete.iter().all(|complete| *complete));
-        self.statistics.frames += 1;
-        self.config.progress.store(self.statistics.frames, Ordering::Relaxed);
-        self.statistics.late_frames += u64::from(late);
-        let repeated = swap.complete.iter().filter(|complete| !**complete).count() as u32;
-        self.statistics.repeated_views += u64::from(repeated);
-        self.traces.on_swap(now, swap.frame, repeated);
-        self.statistics.frame.add(now.since(opened));
-        if let Some(source) = &self.shown {
-            self.statistics.latency.add(now.since(source.received));
-        }
-        match &self.compositor {
-            Some(compositor) if compositor.format == self.format => {
-                compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
-            }
-            // It came while the frame was drawn as another kind of pixels; in lock-step the frame is drawn again.
-            Some(_) => self.clock.on_missing(swap.frame),
-            None if self.config.wait_for_compositor => self.clock.on_missing(swap.frame),
-            None => self.clock.on_presented(swap.frame),
-        }
-        if !late {
-            self.on_whole(now, &swap);
-        }
-        self.last_swap = Some(swap);
-        if !self.is_lock_step() || self.compositor.is_none() {
-            self.answer();
-        }
-    }
-
-    /// A swap of which all views are whole: takes note of who drew in it for the first time, and of the end of what a lost board has caused.
-    fn on_whole(&mut self, now: Time, swap: &Swap) {
-        if let Some((since, late)) = self.broken.take() {
-            let (ms, frames) = (now.since(since).as_secs_f64() * 1e3, self.statistics.late_frames - late);
-            self.log(
-                "whole",
-                format!("{:?}: all views again, after {ms:.1} ms and {frames} frames with repeated views", swap.frame),
-            );
-        }
-        for key in &swap.boards {
-            let Some(board) = self.boards.get_mut(key).filter(|board| !board.draws) else { continue };
-            board.draws = true;
-            let (name, ms) = (board.name.clone(), now.since(board.since).as_secs_f64() * 1e3);
-            self.log("draws", format!("board {name} ({key:?}), {ms:.0} ms after it connected"));
         }
     }
 

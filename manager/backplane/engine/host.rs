@@ -1,0 +1,55 @@
+//! What the host says, and the answer that its pose is on the screen.
+
+use super::{Engine, Source};
+use crate::host::native::Freshness;
+use proto::pose::{Answer, PosePacket};
+use proto::time::Time;
+use std::net::SocketAddr;
+
+impl Engine {
+    pub(super) fn on_pose(&mut self, packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness) {
+        match freshness {
+            Freshness::Stale => self.statistics.dropped.stale_poses += 1,
+            Freshness::Repeated => {
+                if let Some((to, answer)) = self.answered.filter(|(to, a)| *to == from && a.sequence == packet.sequence)
+                {
+                    self.send_answer(to, answer);
+                }
+            }
+            Freshness::New => {
+                let source = Source { from, sequence: packet.sequence, answer: packet.answer, received };
+                let now = if self.ahead.is_made() { self.ahead.hold((packet, source)) } else { Some((packet, source)) };
+                if let Some((packet, source)) = now {
+                    self.take_pose(&packet, source);
+                }
+            }
+        }
+    }
+
+    pub(super) fn take_pose(&mut self, packet: &PosePacket, source: Source) {
+        self.statistics.dropped.unknown_entities += self.director.on_pose(packet);
+        self.fresh = Some(source);
+    }
+
+    /// Tells the host, if it wants to know, that its pose is on the screen. In lock-step that is once the compositor
+    /// has shown it.
+    pub(super) fn answer(&mut self) {
+        let (Some(source), Some(swap)) = (self.shown, &self.last_swap) else { return };
+        let lock_step = self.is_lock_step();
+        if !source.answer || (lock_step && (!self.clock.is_idle() || self.clock.is_redraw())) {
+            return;
+        }
+        let answer = Answer { lock_step, sequence: source.sequence, frame: swap.frame.0 as u32 };
+        if self.answered != Some((source.from, answer)) {
+            self.answered = Some((source.from, answer));
+            self.send_answer(source.from, answer);
+        }
+    }
+
+    fn send_answer(&self, to: SocketAddr, answer: Answer) {
+        // A full socket buffer or a host that is gone: it will ask again.
+        if let Err(error) = self.poses.try_send_to(&answer.encode(), to) {
+            tracing::debug!(%to, %error, "answer not sent");
+        }
+    }
+}
