@@ -41,7 +41,11 @@ export class Picture {
   }
 
   onState(state) {
+    const isFirst = this.layout === null;
     this.layout = state;
+    this.shape();
+    // A picture may have come before it was known what it is of.
+    if (isFirst) this.draw();
     const count = state.views.length;
     if (this.choices.children.length !== count + 1) this.offerViews(count);
     const recent = this.times.filter(at => performance.now() - at < 3000).length / 3;
@@ -76,14 +80,20 @@ export class Picture {
     return this.view === null || !views[this.view] ? { x: 0, y: 0, width, height } : views[this.view];
   }
 
+  /** The room for the picture has its shape before there is one, so that nothing moves when it comes. */
+  shape() {
+    const { width, height } = this.part(), ratio = `${width} / ${height}`;
+    if (!width || !height || this.shaped === ratio) return;
+    this.shaped = ratio;
+    this.screen.style.aspectRatio = ratio;
+  }
+
   draw() {
     if (!this.image || !this.layout?.size[0]) return;
     const part = this.part(), scale = this.image.width / this.layout.size[0];
     const [width, height] = [Math.max(1, Math.round(part.width * scale)), Math.max(1, Math.round(part.height * scale))];
-    if (this.canvas.width !== width || this.canvas.height !== height) {
-      [this.canvas.width, this.canvas.height] = [width, height];
-      this.screen.style.aspectRatio = `${width} / ${height}`;
-    }
+    if (this.canvas.width !== width || this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [width, height];
+    this.shape();
     this.context.drawImage(this.image, part.x * scale, part.y * scale, part.width * scale, part.height * scale, 0, 0, width, height);
     if (this.overlay.checked && this.owners) this.drawOwners(part, scale);
   }
@@ -93,12 +103,14 @@ export class Picture {
     context.save();
     context.scale(scale, scale);
     context.translate(-part.x, -part.y);
+    // Tiles are of the views that boards draw.
+    const side = owners.tile * this.layout.resolution_divider;
     this.layout.views.forEach((view, k) => {
       const tiles = owners.views[k];
       if (!tiles || (this.view !== null && this.view !== k)) return;
       tiles.owners.forEach((owner, i) => {
-        const x = (i % tiles.columns) * owners.tile, y = Math.floor(i / tiles.columns) * owners.tile;
-        const width = Math.min(owners.tile, view.width - x), height = Math.min(owners.tile, view.height - y);
+        const x = (i % tiles.columns) * side, y = Math.floor(i / tiles.columns) * side;
+        const width = Math.min(side, view.width - x), height = Math.min(side, view.height - y);
         context.globalAlpha = .38;
         context.fillStyle = boardColor(owner);
         context.fillRect(view.x + x, view.y + y, width, height);
