@@ -110,10 +110,8 @@ async fn greet(
     let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
     let listen = SocketAddr::new(ip, listening.port()).to_string();
     let mut backplane = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-    let hello = Hello {
-        name: "compositor".into(),
-        role: Role::Compositor { listen, format, records: config.manifest.is_some() },
-    };
+    let (records, views) = (config.manifest.is_some(), config.views.clone());
+    let hello = Hello { name: "compositor".into(), role: Role::Compositor { listen, format, records, views } };
     link::send(&mut backplane, &hello, &[]).await?;
     match link::expect(&mut backplane).await?.0 {
         ToCompositor::Refused { reason } => Ok(Err(reason)),

@@ -1,6 +1,7 @@
 //! The compositor: it stitches the tiles of all boards to the views, and the views to one picture.
 //!
-//! [`stitch`] is the pure part, [`sinks`] write what was stitched, [`manifest`] writes what it was, `preview` makes the console's pictures, [`shell`] is the daemon.
+//! [`stitch`] is the pure part, [`sinks`] write what was stitched, [`manifest`] writes what it was, `preview` makes the console's pictures,
+//! [`window`] shows them on a desktop, [`shell`] is the daemon.
 #![forbid(unsafe_code)]
 
 mod backplanes;
@@ -10,3 +11,10 @@ pub mod shell;
 pub mod sinks;
 pub mod stitch;
 mod terms;
+pub mod window;
+
+/// Nanoseconds since 1970, by this machine.
+fn wall_clock_ns() -> u64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::SystemTime::UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,6 +1,6 @@
 //! The manifest: what each frame was, so that two flights, or two rigs, are compared without pictures.
 //!
-//! One JSON object a line, in the order in which frames were shown: number, what the picture depends on, and for each view whether it
+//! One JSON object a line, in the order in which frames were shown: number, what the picture depends on, and for each view that is shown here whether it
 //! is new and the hash of every tile, row by row. Nothing in it depends on boards or time, so two flights in lock-step that show the same
 //! have the same file, byte for byte.
 
@@ -67,9 +67,8 @@ impl Manifest {
     /// [`SinkError`] names the file.
     pub fn write(&mut self, shown: &Shown, stitcher: &Stitcher) -> Result<(), SinkError> {
         let short = |hash: blake3::Hash| hash.to_hex()[..HASH_DIGITS].to_owned();
-        let hashes = stitcher.tile_hashes().into_iter().enumerate();
-        let views = hashes.map(|(view, tiles)| ViewLine {
-            complete: shown.complete.get(view).copied().unwrap_or(false),
+        let views = stitcher.tile_hashes().into_iter().map(|(view, tiles)| ViewLine {
+            complete: shown.complete.get(view.0 as usize).copied().unwrap_or(false),
             tiles: tiles.into_iter().map(short).collect(),
         });
         let later = self.records.split_off(&FrameNumber(shown.frame.0 + 1));
@@ -94,7 +93,7 @@ mod tests {
     fn a_line_tells_a_tile_from_another_and_what_the_frame_depends_on() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("manifest.jsonl");
-        let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+        let mut stitcher = Stitcher::new(PixelFormat::Srgb8, Vec::new());
         let row = View::row(2, 40, 33, Tangents::symmetric(45.0, 40, 33), Samples::One);
         assert!(stitcher.set_views(&row.into_iter().map(ViewSetup::new).collect::<Vec<_>>()));
         let record = FrameRecord { eye: Pose::IDENTITY, environment: Environment::default(), weights: Vec::new() };

@@ -7,6 +7,7 @@
 //! | listener | the listening socket | boards |
 //! | one per board | that board's link | tiles; its queue to main is short, so a board that is too fast is held back by TCP |
 //! | png, preview threads | their encoder | pictures; of previews the newest |
+//! | window thread | the window | pictures; main waits until each is shown |
 //!
 //! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again; when a stand-by leads, it
 //! goes on from that picture.
@@ -17,12 +18,14 @@ use crate::preview::Previews;
 use crate::sinks::{FileKind, Files, Picture, SinkError};
 use crate::stitch::{Shown, Stitcher};
 use crate::terms::{Heed, Terms};
+use crate::wall_clock_ns;
+use crate::window::{Place, Window};
 use ::link::{Arrival, Incoming, Listener, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
 use futures_util::StreamExt;
 use proto::codec;
 use proto::frame::{FrameRecord, PixelFormat};
-use proto::ids::{BoardKey, FrameNumber};
+use proto::ids::{BoardKey, FrameNumber, ViewId};
 use proto::limits;
 use proto::link::{self, Link, LinkError};
 use proto::message::{FromCompositor, TileMessage, ToCompositor};
@@ -55,8 +58,12 @@ pub struct Config {
     pub trust: Trust,
     /// Where to listen for boards; port 0: any free port.
     pub listen: SocketAddr,
+    /// The views to show; none: all, as one picture.
+    pub views: Vec<ViewId>,
     /// Folder for files of every frame, and their kind.
     pub out: Option<(PathBuf, FileKind)>,
+    /// The window to show the picture in.
+    pub window: Option<Place>,
     /// File that is to say of each frame what it was, a line each.
     pub manifest: Option<PathBuf>,
     /// End when the rig ends, instead of waiting for the next one.
@@ -75,6 +82,9 @@ pub enum CompositorError {
     /// The thread that makes the console's pictures.
     #[error("cannot start a thread: {0}")]
     Thread(io::Error),
+    /// The window.
+    #[error("cannot show a window: {0}")]
+    Window(String),
     /// The backplane doesn't want us.
     #[error("the backplane at {0} refused this compositor: {1}")]
     Refused(String, String),
@@ -116,10 +126,13 @@ struct Shell {
     backplanes: Vec<Backplane>,
     terms: Terms,
     stitcher: Stitcher,
+    /// The frame that was handed out last, of who is followed.
+    shown: Option<FrameNumber>,
     links: Links,
     roster: watch::Sender<Roster>,
     files: Option<Files>,
     manifest: Option<Manifest>,
+    window: Option<Window>,
     previews: Previews,
 }
 
@@ -153,20 +166,31 @@ pub async fn run(
     let said = backplanes::keep(&config, address, format);
     let (made, previews_made) = mpsc::channel(1);
     let previews = Previews::start(made).map_err(CompositorError::Thread)?;
+    let closed = CancellationToken::new();
+    let window = match config.window {
+        Some(place) => {
+            let window = Window::start(title(&config.views), place, closed.clone());
+            Some(window.map_err(|error| CompositorError::Window(error.to_string()))?)
+        }
+        None => None,
+    };
     let mut shell = Shell {
         backplanes: config.backplanes.iter().map(|_| Backplane::default()).collect(),
         terms: Terms::new(config.backplanes.len()),
+        stitcher: Stitcher::new(format, config.views.clone()),
         config,
-        stitcher: Stitcher::new(format),
+        shown: None,
         links: Links::new(),
         roster,
         files,
         manifest,
+        window,
         previews,
     };
     let end = tokio::select! {
         end = shell.serve(said, inbox, previews_made) => Some(end),
         () = shutdown.cancelled() => None,
+        () = closed.cancelled() => None,
     };
     accepting.abort();
     let written = match shell.files.take() {
@@ -205,10 +229,15 @@ impl Shell {
             let started = Instant::now();
             while let Some(shown) = self.stitcher.poll() {
                 let stitch_ns = started.elapsed().as_nanos() as u64;
-                if let Err(end) = self.hand_out(&shown).await {
-                    return end;
+                let mut at_ns = wall_clock_ns();
+                // In lock-step a frame comes again when another compositor lacked it: it is shown, and nothing new.
+                if self.shown.replace(shown.frame) != Some(shown.frame) {
+                    match self.hand_out(&shown).await {
+                        Ok(at) => at_ns = at.unwrap_or(at_ns),
+                        Err(end) => return end,
+                    }
                 }
-                self.report(&FromCompositor::Presented { frame: shown.frame, stitch_ns }, &[]);
+                self.report(&FromCompositor::Presented { frame: shown.frame, stitch_ns, at_ns }, &[]);
                 // Behind that word: no frame waits for a look.
                 if shown.preview {
                     self.previews.offer(self.picture(shown.frame));
@@ -225,17 +254,33 @@ impl Shell {
         }
     }
 
-    /// Gives what is on the canvas to all sinks.
-    async fn hand_out(&mut self, shown: &Shown) -> Result<(), End> {
+    /// Gives what is on the canvas to all sinks. Returns since when it is in the window, if there is one, ns since 1970.
+    async fn hand_out(&mut self, shown: &Shown) -> Result<Option<u64>, End> {
+        let is_wanted = self.files.is_some() || self.window.is_some();
+        let picture = is_wanted.then(|| Arc::new(self.picture(shown.frame)));
+        // First: what is seen is what waits for the swap.
+        let at_ns = match &picture {
+            Some(picture) => self.show(picture).await?,
+            None => None,
+        };
         if let Some(manifest) = &mut self.manifest {
             manifest.write(shown, &self.stitcher).map_err(|error| End::Failed(error.into()))?;
         }
-        if let Some(files) = &self.files
-            && !files.write(Arc::new(self.picture(shown.frame))).await
+        if let (Some(files), Some(picture)) = (&self.files, picture)
+            && !files.write(picture).await
         {
             return Err(End::Sink);
         }
-        Ok(())
+        Ok(at_ns)
+    }
+
+    async fn show(&self, picture: &Arc<Picture>) -> Result<Option<u64>, End> {
+        let Some(window) = &self.window else { return Ok(None) };
+        match window.show(Arc::clone(picture)).await {
+            Ok(at_ns) => Ok(Some(at_ns)),
+            Err(Some(why)) => Err(End::Failed(CompositorError::Window(why))),
+            Err(None) => Err(End::Goodbye),
+        }
     }
 
     fn picture(&self, frame: FrameNumber) -> Picture {
@@ -319,6 +364,7 @@ impl Shell {
 
     /// Another backplane leads than before: what it has said counts.
     fn begin(&mut self, index: usize) {
+        self.shown = None;
         self.stitcher.forget_swaps();
         self.take_views(index);
         for (frame, record) in std::mem::take(&mut self.backplanes[index].records) {
@@ -377,6 +423,16 @@ impl Shell {
         for frame in self.stitcher.on_lost(key) {
             self.report(&FromCompositor::Missing { frame }, &[]);
         }
+    }
+}
+
+/// What a window is called.
+fn title(views: &[ViewId]) -> String {
+    let numbers: Vec<_> = views.iter().map(|view| view.0.to_string()).collect();
+    match &numbers[..] {
+        [] => "Cyclorama".into(),
+        [view] => format!("Cyclorama, view {view}"),
+        views => format!("Cyclorama, views {}", views.join(", ")),
     }
 }
 

@@ -9,6 +9,8 @@
 //! When the backplane has lowered the resolution, boards send smaller views, and each of their pixels becomes a square on the canvas, which
 //! keeps its size: what can't be shown whole still repeats as it was.
 //!
+//! A stitcher may show some of the rig's views only: it is then a display, whose picture is that part of the whole.
+//!
 //! A wiring begins with every board sending all of its tiles, so what was sent under an older wiring is dropped.
 
 use bytes::Bytes;
@@ -16,7 +18,7 @@ use proto::codec::CodecError;
 use proto::frame::{PixelFormat, TileIndex, tile_grid};
 use proto::ids::{BoardKey, Epoch, FrameNumber, ViewId};
 use proto::message::{Swap, split_tiles};
-use proto::view::ViewSetup;
+use proto::view::{View, ViewSetup};
 use std::collections::{BTreeMap, VecDeque};
 
 /// Swaps that may wait for tiles; beyond, the oldest is given up. Two seconds at 60 Hz: more means that a board's link is
@@ -87,7 +89,10 @@ pub struct Shown {
 /// See the module's head.
 #[derive(Clone, Debug, Default)]
 pub struct Stitcher {
-    views: Vec<Placed>,
+    /// Which are shown; none: all.
+    shown: Vec<ViewId>,
+    /// By view; `None`: not shown here.
+    views: Vec<Option<Placed>>,
     width: u32,
     height: u32,
     format: PixelFormat,
@@ -97,9 +102,9 @@ pub struct Stitcher {
 }
 
 impl Stitcher {
-    /// A stitcher without views, for pixels of this format.
-    pub fn new(format: PixelFormat) -> Self {
-        Self { format, ..Self::default() }
+    /// A stitcher that knows no views yet, for pixels of this format. It is to show these views; none: all.
+    pub fn new(format: PixelFormat, shown: Vec<ViewId>) -> Self {
+        Self { format, shown, ..Self::default() }
     }
 
     /// What its pixels are.
@@ -110,12 +115,21 @@ impl Stitcher {
     /// The views. A change of sizes or places clears the canvas. False, and nothing changes, when the picture would be too
     /// large.
     pub fn set_views(&mut self, views: &[ViewSetup]) -> bool {
-        let Some((places, [width, height])) = ViewSetup::layout(views) else { return false };
-        let placed: Vec<_> = views
-            .iter()
-            .zip(places)
-            .map(|(setup, [x, y])| Placed { x, y, width: setup.view.width, height: setup.view.height })
-            .collect();
+        let Some((places, _)) = ViewSetup::layout(views) else { return false };
+        let is_shown = |view: usize| self.shown.is_empty() || self.shown.iter().any(|shown| shown.0 as usize == view);
+        let shown = || (0..views.len()).filter(|view| is_shown(*view));
+        // What is shown of the rig's picture begins at its own corner.
+        let [left, top] =
+            [0, 1].map(|k| shown().map(|view| places[view][k]).min().filter(|_| !self.shown.is_empty()).unwrap_or(0));
+        let place = |view: usize| {
+            let (setup, [x, y]) = (&views[view], places[view]);
+            let View { width, height, .. } = setup.view;
+            // Those that aren't shown may lie on the other side of the corner.
+            is_shown(view).then(|| Placed { x: x - left, y: y - top, width, height })
+        };
+        let placed: Vec<_> = (0..views.len()).map(place).collect();
+        let end = |far: fn(&Placed) -> u32| placed.iter().flatten().map(far).max().unwrap_or(0);
+        let (width, height) = (end(|placed| placed.x + placed.width), end(|placed| placed.y + placed.height));
         if placed != self.views {
             (self.width, self.height) = (width, height);
             self.canvas = vec![0; width as usize * height as usize * self.format.bytes()];
@@ -139,8 +153,8 @@ impl Stitcher {
         &self.canvas
     }
 
-    /// By view: the hashes of its tiles, row by row from the upper left.
-    pub fn tile_hashes(&self) -> Vec<Vec<blake3::Hash>> {
+    /// By view that is shown here: the hashes of its tiles, row by row from the upper left.
+    pub fn tile_hashes(&self) -> Vec<(ViewId, Vec<blake3::Hash>)> {
         let hash_of = |placed: &Placed, tile: TileIndex| {
             let (rect, bytes) = (tile.rect(placed.width, placed.height), self.format.bytes());
             let mut hasher = blake3::Hasher::new();
@@ -150,12 +164,13 @@ impl Stitcher {
             }
             hasher.finalize()
         };
-        let of_view = |placed: &Placed| {
+        let of_view = |(view, placed): (usize, &Option<Placed>)| {
+            let placed = placed.as_ref()?;
             let (columns, rows) = tile_grid(placed.width, placed.height);
             let tiles = (0..rows).flat_map(|y| (0..columns).map(move |x| TileIndex { x: x as u16, y: y as u16 }));
-            tiles.map(|tile| hash_of(placed, tile)).collect()
+            Some((ViewId(view as u32), tiles.map(|tile| hash_of(placed, tile)).collect()))
         };
-        self.views.iter().map(of_view).collect()
+        self.views.iter().enumerate().filter_map(of_view).collect()
     }
 
     /// A board's link is up; whatever an earlier link of it brought is forgotten, for it sends all its tiles anew.
@@ -189,7 +204,7 @@ impl Stitcher {
         payload: Bytes,
     ) -> Result<(), CodecError> {
         let (tiles, pixels) = split_tiles(&payload, count, size, format)?;
-        let placed = self.views.get(view.0 as usize).filter(|_| format == self.format);
+        let placed = self.placed(view).filter(|_| format == self.format);
         let scale = placed.and_then(|placed| SCALES.into_iter().find(|scale| placed.at_scale(*scale) == size));
         // The view has changed meanwhile; the board sends all of it anew as it now is.
         let Some(scale) = scale else { return Ok(()) };
@@ -270,8 +285,12 @@ impl Stitcher {
         })
     }
 
+    fn placed(&self, view: ViewId) -> Option<Placed> {
+        self.views.get(view.0 as usize).copied().flatten()
+    }
+
     fn lay(&mut self, run: &Run) {
-        let Some(placed) = self.views.get(run.view.0 as usize).copied() else { return };
+        let Some(placed) = self.placed(run.view) else { return };
         let mut pixels = &run.payload[run.pixels_at..];
         let (width, height) = placed.at_scale(run.scale);
         for tile in &run.tiles {
@@ -354,7 +373,7 @@ mod tests {
     }
 
     fn stitcher(boards: u64, view_count: u32) -> Stitcher {
-        let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+        let mut stitcher = Stitcher::new(PixelFormat::Srgb8, Vec::new());
         assert!(stitcher.set_views(&views(view_count)), "a picture of usual size");
         (0..boards).for_each(|k| stitcher.on_board(BoardKey(k)));
         stitcher
@@ -423,7 +442,7 @@ mod tests {
                 let view = View::row(1, width, height, Tangents::symmetric(45.0, width, height), Samples::One)[0];
                 [ViewSetup::new(view.at_scale(scale))]
             };
-            let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+            let mut stitcher = Stitcher::new(PixelFormat::Srgb8, Vec::new());
             assert!(stitcher.set_views(&setup(1)), "a picture of usual size");
             stitcher.on_board(BoardKey(0));
             let small = setup(scale)[0].view;
@@ -489,7 +508,7 @@ mod tests {
 
     #[test]
     fn views_lie_where_the_rig_puts_them() {
-        let mut stitcher = Stitcher::new(PixelFormat::Srgb8);
+        let mut stitcher = Stitcher::new(PixelFormat::Srgb8, Vec::new());
         let mut setups = views(2);
         setups[0].at = Some([0, 70]);
         setups[1].at = Some([50, 0]);
@@ -503,6 +522,22 @@ mod tests {
         assert_eq!((pixel(0, 0), pixel(50, 0), pixel(149, 69), pixel(0, 70), pixel(99, 139)), (0, 1, 1, 1, 1));
         setups[1].at = Some([u32::MAX, 0]);
         assert!(!stitcher.set_views(&setups), "no picture is that large");
+    }
+
+    #[test]
+    fn a_display_shows_its_views_from_their_own_corner_and_takes_no_others() {
+        let mut stitcher = Stitcher::new(PixelFormat::Srgb8, vec![ViewId(1), ViewId(2)]);
+        let mut setups = views(3);
+        setups[2].at = Some([50, 80]);
+        assert!(stitcher.set_views(&setups), "a picture of usual size");
+        assert_eq!(stitcher.size(), (150, 150), "from (50, 0) to (200, 150)");
+        stitcher.on_board(BoardKey(0));
+        send(&mut stitcher, 0, 0, 1, 3);
+        stitcher.on_swap(swap(0, &[true, true, false], &[0]));
+        assert_eq!(stitcher.poll().map(|shown| shown.tiles), Some(12), "those of view 1");
+        let pixel = |x: usize, y: usize| stitcher.canvas()[(y * 150 + x) * 3];
+        assert_eq!((pixel(49, 0), pixel(50, 0), pixel(149, 69), pixel(0, 80)), (0, 1, 1, 0));
+        assert_eq!(stitcher.tile_hashes().iter().map(|(view, _)| view.0).collect::<Vec<_>>(), [1, 2]);
     }
 
     #[test]

@@ -323,7 +323,7 @@ pub(crate) struct Supervision {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama channel --backplane 127.0.0.1:7400\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1\n  cyclorama channel --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys pc1"
+    after_help = "Examples:\n  cyclorama channel --backplane 127.0.0.1:7400\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1\n  cyclorama channel --backplane desk:7400 --listen 0.0.0.0:0 --keys pc1 --display 0 --display-at 1920,0 --display-keys wall-1\n  cyclorama channel --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys pc1"
 )]
 pub(crate) struct ChannelArgs {
     /// Where the backplane listens; given twice, or with a comma between: that of the stand-by too
@@ -354,6 +354,15 @@ pub(crate) struct ChannelArgs {
     /// A name for logs and the console; the machine's and the process number by default, and in a container the container's
     #[arg(long, env = "CYCLORAMA_NAME")]
     pub name: Option<String>,
+    /// Be the display of this view too, counted from 0, whoever draws it: in a window
+    #[arg(long, env = "CYCLORAMA_DISPLAY", value_name = "N", value_parser = shown_view)]
+    pub display: Option<u32>,
+    /// Where its window is on the desktop: the upper left corner, for a window without borders
+    #[arg(long, env = "CYCLORAMA_DISPLAY_AT", value_name = "X,Y", value_parser = place, requires = "display", allow_hyphen_values = true)]
+    pub display_at: Option<compositor::window::Place>,
+    /// Folder with a compositor's keys, for the display: those of a board don't show pictures
+    #[arg(long, env = "CYCLORAMA_DISPLAY_KEYS", value_name = "DIR", requires = "display")]
+    pub display_keys: Option<PathBuf>,
     #[command(flatten)]
     pub trust: TrustArgs,
     #[command(flatten)]
@@ -362,7 +371,7 @@ pub(crate) struct ChannelArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys wall"
+    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --views 0 --window=1920,0    # the display of the view on the left, on the second screen\n  cyclorama compositor --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys wall"
 )]
 pub(crate) struct CompositorArgs {
     /// Where the backplane listens; given twice, or with a comma between: that of the stand-by too
@@ -377,6 +386,12 @@ pub(crate) struct CompositorArgs {
     /// Where to listen for boards
     #[arg(long, env = "CYCLORAMA_LISTEN", default_value = "127.0.0.1:0", value_name = "ADDR")]
     pub listen: SocketAddr,
+    /// Show these views only, counted from 0: be the display of a projector. All by default, as one picture
+    #[arg(long, env = "CYCLORAMA_SHOWN_VIEWS", value_name = "N", value_delimiter = ',', value_parser = shown_view)]
+    pub views: Vec<u32>,
+    /// Show the picture in a window; with =X,Y in one without borders, its upper left corner there on the desktop, as for a projector
+    #[arg(long, env = "CYCLORAMA_WINDOW", value_name = "X,Y", num_args = 0..=1, require_equals = true, default_missing_value = "", value_parser = place, allow_hyphen_values = true)]
+    pub window: Option<compositor::window::Place>,
     /// Write every stitched frame as frame-00000.png … into this folder
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -569,6 +584,27 @@ fn views(text: &str) -> Result<NonZeroU32, String> {
     let most = proto::limits::VIEWS_MAX;
     let number = text.parse().ok().filter(|n: &NonZeroU32| n.get() as usize <= most);
     number.ok_or_else(|| format!("expected 1 to {most}"))
+}
+
+/// A window's place: nothing, or its upper left corner.
+fn place(text: &str) -> Result<compositor::window::Place, String> {
+    let corner = |text: &str| {
+        let (x, y) = text.split_once(',')?;
+        Some([x.trim().parse().ok()?, y.trim().parse().ok()?])
+    };
+    match text {
+        "" => Ok(compositor::window::Place { at: None }),
+        text => {
+            let at = corner(text).ok_or("expected two numbers of pixels with a comma between, like 1920,0")?;
+            Ok(compositor::window::Place { at: Some(at) })
+        }
+    }
+}
+
+/// A view by its number.
+fn shown_view(text: &str) -> Result<u32, String> {
+    let most = proto::limits::VIEWS_MAX - 1;
+    text.parse().ok().filter(|view: &u32| *view as usize <= most).ok_or_else(|| format!("expected 0 to {most}"))
 }
 
 fn boards(text: &str) -> Result<NonZeroUsize, String> {

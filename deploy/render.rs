@@ -71,7 +71,7 @@ fn draw(
     let (view, views) = (&setup.view, std::slice::from_ref(setup));
     drawer.select(pose, state, view)?;
     let weights = vec![1; boards.get()];
-    let mut stitcher = Stitcher::new(format);
+    let mut stitcher = Stitcher::new(format, Vec::new());
     if !stitcher.set_views(views) {
         return Err(CommandError::said("the picture is too large"));
     }

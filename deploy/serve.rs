@@ -8,6 +8,8 @@ use crate::output::{note, say};
 use crate::settings;
 use link::NodeRole;
 use manager::backplane::{Addresses, Report};
+use proto::frame::PixelFormat;
+use proto::ids::ViewId;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
@@ -144,15 +146,50 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         name: args.name.clone().unwrap_or_else(own_name),
         once: args.supervision.supervised,
     };
+    let display = args.display.map(|view| display(args, ViewId(view))).transpose()?;
     runtime(1)?.block_on(async {
         let shutdown = shutdown_token(args.supervision)?;
-        channel::worker::run(
-            config,
-            shutdown,
-            |address| tracing::info!(%address, threads, "listening for a neighbour"),
-        )
-        .await?;
+        let listening = |address| tracing::info!(%address, threads, "listening for a neighbour");
+        let Some(display) = display else {
+            return Ok(channel::worker::run(config, shutdown, listening).await?);
+        };
+        // Whichever ends first, the other one does too; a board that leaves draws until others do, and its display shows that.
+        let ends = CancellationToken::new();
+        let board = async {
+            let ended = channel::worker::run(config, shutdown.clone(), listening).await;
+            ends.cancel();
+            ended
+        };
+        let showing = async {
+            let told = |address| tracing::info!(%address, "listening for tiles of the display");
+            let ended = compositor::shell::run(display, ends.clone(), told).await;
+            shutdown.cancel();
+            ended
+        };
+        let (drawn, shown) = tokio::join!(board, showing);
+        drawn?;
+        shown?;
         Ok(())
+    })
+}
+
+/// What a board that is a display shows.
+fn display(args: &ChannelArgs, view: ViewId) -> Result<compositor::shell::Config, CommandError> {
+    let mut trust = args.trust.clone();
+    if trust.keys.is_some() && args.display_keys.is_none() {
+        return Err(CommandError::said("a board's keys don't show pictures; give a compositor's with --display-keys"));
+    }
+    trust.keys.clone_from(&args.display_keys);
+    let trust = settings::trust(&trust, NodeRole::Compositor)?;
+    Ok(compositor::shell::Config {
+        backplanes: settings::backplanes(&args.backplane, &trust)?,
+        listen: settings::guard_listen(SocketAddr::new(args.listen.ip(), 0), &trust)?,
+        trust,
+        views: vec![view],
+        window: Some(args.display_at.unwrap_or_default()),
+        out: None,
+        manifest: None,
+        once: args.supervision.supervised,
     })
 }
 
@@ -188,10 +225,18 @@ pub(crate) fn machine_memory() -> u64 {
 /// `cyclorama compositor`.
 pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
     let trust = settings::trust(&args.trust, NodeRole::Compositor)?;
+    if args.window.is_some() && args.format.format() != PixelFormat::Srgb8 {
+        return Err(CommandError::said("a window shows 8-bit pixels; --window and --format exr need two compositors"));
+    }
+    let mut views: Vec<_> = args.views.iter().copied().map(ViewId).collect();
+    views.sort_unstable();
+    views.dedup();
     let config = compositor::shell::Config {
+        views,
         backplanes: settings::backplanes(&args.backplane, &trust)?,
         listen: settings::guard_listen(args.listen, &trust)?,
         trust,
+        window: args.window,
         out: args.out.clone().map(|folder| (folder, args.format)),
         manifest: args.manifest.clone(),
         once: args.supervision.supervised,

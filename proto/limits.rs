@@ -8,6 +8,8 @@ pub const STITCHED_SIZE_MAX: u32 = 65_535;
 pub const VIEWS_MAX: usize = 64;
 /// Most boards in the row.
 pub const BOARDS_MAX: usize = 256;
+/// Most compositors: one of the whole picture, and two displays for each view.
+pub const COMPOSITORS_MAX: usize = 2 * VIEWS_MAX + 1;
 /// Most objects of a scene.
 pub const OBJECTS_MAX: usize = 16_000_000;
 /// Most subobjects of a scene.
@@ -40,9 +42,9 @@ pub const PREVIEW_MAX: usize = 16 << 20;
 /// A view of 1080p in 8 bits fits.
 pub const CLAIM_MAX: usize = 8 << 20;
 /// Peers connected at once to one daemon, greeted or not.
-pub const CONNECTIONS_MAX: usize = BOARDS_MAX + 64;
+pub const CONNECTIONS_MAX: usize = BOARDS_MAX + COMPOSITORS_MAX + 64;
 /// Of these, from one address: a whole rig on one machine.
-pub const CONNECTIONS_PER_ADDRESS_MAX: usize = BOARDS_MAX + 8;
+pub const CONNECTIONS_PER_ADDRESS_MAX: usize = BOARDS_MAX + COMPOSITORS_MAX + 8;
 /// Peers of one address that have not said who they are. One more ends the oldest of them: honest ones need
 /// milliseconds, so a peer that stalls keeps nobody out.
 pub const GREETINGS_PER_ADDRESS_MAX: usize = 128;

@@ -40,6 +40,8 @@ pub enum Role {
         format: PixelFormat,
         /// Whether it wants to know what each frame's picture depends on.
         records: bool,
+        /// The views that it shows, in ascending order; none: all, as one picture. One that shows some is a display.
+        views: Vec<ViewId>,
     },
     /// Another backplane. Both then say [`crate::chain::BetweenBackplanes`], whichever of them leads.
     Backplane,
@@ -67,11 +69,8 @@ pub enum ToBoard {
         /// The content id of the payload.
         scene: ContentId,
     },
-    /// Where the compositor listens now, `host:port`; `None`: there is none.
-    Compositor {
-        /// The address.
-        address: Option<String>,
-    },
+    /// The compositors that there are now.
+    Compositors(Vec<TileSink>),
     /// The chain's own messages.
     Chain(ToBoardChain),
     /// Draw a frame. Payload: [`FramePayload`].
@@ -85,6 +84,26 @@ pub enum ToBoard {
     /// Before each wiring, where there are keys: the names in the certificates of this board's neighbours. Who says to be
     /// one of them must have that name; who isn't here is no neighbour.
     Neighbours(Vec<(BoardKey, String)>),
+}
+
+/// A compositor, as boards know it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TileSink {
+    /// Which.
+    pub key: BoardKey,
+    /// Where it listens, `host:port`.
+    pub address: String,
+    /// The views whose tiles it wants; none: all.
+    pub views: Vec<ViewId>,
+    /// What it wants pixels as.
+    pub format: PixelFormat,
+}
+
+impl TileSink {
+    /// Whether it wants a view's tiles.
+    pub fn wants(&self, view: ViewId) -> bool {
+        self.views.is_empty() || self.views.contains(&view)
+    }
 }
 
 /// Board → backplane.
@@ -329,6 +348,8 @@ pub enum FromCompositor {
         frame: FrameNumber,
         /// Time from the last tile's arrival to the finished picture, ns.
         stitch_ns: u64,
+        /// When the picture was finished, by the clock of its machine: ns since 1970. Only as good as the machines' clocks agree.
+        at_ns: u64,
     },
     /// The newest picture for the console. Payload: a JPEG.
     Preview {

@@ -5,8 +5,8 @@
 //! | main task (`session`) | a session with each backplane, whom it serves (`terms`) | messages, neighbours, the painter, shutdown |
 //! | backplane tasks (`backplanes`) | the link to a backplane each | its words |
 //! | neighbour tasks (`neighbours`) | the listening socket, one link each | a neighbour's words |
-//! | outlet task (`outlet`) | the link to the compositor | tiles from the painter |
-//! | painter thread (`painter`) | the scene store, the lists (`follow`), the pictures | work, in the order in which it came |
+//! | outlet tasks (`outlet`) | the link to a compositor each | tiles from the painter |
+//! | painter thread (`painter`) | the scene store, the lists (`follow`), the pictures, what compositors have of them (`delivery`) | work, in the order in which it came |
 //! | loader thread (`loader`) | the piece that it prepares | pieces of the scene |
 //! | renderer threads | their tiles | the painter |
 //!
@@ -17,6 +17,7 @@
 //! most 0.7 s, and drops everything else.
 
 mod backplanes;
+mod delivery;
 mod follow;
 mod loader;
 mod neighbours;

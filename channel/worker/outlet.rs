@@ -1,4 +1,4 @@
-//! The link to the compositor: a task that connects, gives the painter a queue, and empties it into the socket.
+//! The link to a compositor: a task that connects, gives the painter a queue, and empties it into the socket.
 
 use super::painter::Work;
 use ::link::{Expected, NodeRole, Trust};
@@ -9,7 +9,7 @@ use proto::codec::encode;
 use proto::ids::BoardKey;
 use proto::limits;
 use proto::link::{self, LinkError};
-use proto::message::TileMessage;
+use proto::message::{TileMessage, TileSink};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_util::sync::{CancellationToken, DropGuard};
@@ -19,19 +19,25 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 const QUEUE: usize = 4;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Keeps a link to the compositor at `address` until dropped. Who drops it tells the painter.
-pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sender<Work>, trust: Trust) -> DropGuard {
+/// Keeps a link to a compositor until dropped. Who drops it tells the painter.
+pub(super) fn keep(
+    sink: TileSink,
+    key: BoardKey,
+    painter: (std::sync::mpsc::Sender<Work>, u64),
+    trust: Trust,
+) -> DropGuard {
     let cut = CancellationToken::new();
     let ended = cut.clone();
     tokio::spawn(async move {
         let mut backoff = Backoff::new(key.0 ^ u64::from(std::process::id()));
+        let address = &sink.address;
         let keeping = async {
             loop {
-                match carry(&address, key, &painter, &trust, &mut backoff).await {
+                match carry(&sink, key, &painter, &trust, &mut backoff).await {
                     Ok(()) => tracing::info!(%address, "the compositor closed its link"),
                     Err(error) => tracing::info!(%address, %error, "no link to the compositor"),
                 }
-                if painter.send(Work::Outlet(None)).is_err() {
+                if painter.0.send(Work::OutletDown(sink.key)).is_err() {
                     return;
                 }
                 tokio::time::sleep(backoff.next_wait()).await;
@@ -48,14 +54,14 @@ pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sen
 }
 
 async fn carry(
-    address: &str,
+    sink: &TileSink,
     key: BoardKey,
-    painter: &std::sync::mpsc::Sender<Work>,
+    (painter, session): &(std::sync::mpsc::Sender<Work>, u64),
     trust: &Trust,
     backoff: &mut Backoff,
 ) -> Result<(), LinkError> {
     let connecting = async {
-        let stream = trust.connect(address, &Expected::any(NodeRole::Compositor)).await?;
+        let stream = trust.connect(&sink.address, &Expected::any(NodeRole::Compositor)).await?;
         link::open(stream, limits::CONTROL_MESSAGE_MAX).await
     };
     let Ok(connected) = tokio::time::timeout(CONNECT_TIMEOUT, connecting).await else {
@@ -65,16 +71,16 @@ async fn carry(
     compositor.send(encode(&TileMessage::Hello { key }, &[])).await?;
     backoff.reset();
     let (queue, mut waiting) = mpsc::channel::<Vec<Bytes>>(QUEUE);
-    if painter.send(Work::Outlet(Some(queue))).is_err() {
+    if painter.send(Work::OutletUp(*session, sink.clone(), queue)).is_err() {
         return Ok(());
     }
-    let (mut sink, mut source) = compositor.split();
+    let (mut writer, mut source) = compositor.split();
     let writing = async {
         while let Some(messages) = waiting.recv().await {
             for message in messages {
-                sink.feed(message).await?;
+                writer.feed(message).await?;
             }
-            sink.flush().await?;
+            writer.flush().await?;
         }
         Ok::<_, LinkError>(())
     };

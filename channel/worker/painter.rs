@@ -5,18 +5,18 @@
 //!
 //! Work comes in order and lists are followed frame by frame, but when several frames wait only the newest is drawn:
 //! the others' deadlines have passed. What is the same as in the frame before isn't drawn again, and a tile that came out the
-//! same isn't sent again. All tiles are sent after a new wiring, a new link to the compositor, or a frame whose
-//! tiles found no room in the link's queue; only then may the compositor count on what it has.
+//! same isn't sent again (`delivery`).
 
+use super::delivery::{Delivery, Outlets, pixels};
 use super::follow::Followed;
 use super::loader::{self, Raw};
 use crate::pipeline::{DrawStats, Renderer, TilePictures};
 use crate::store::{Prepared, SceneStore};
 use bytes::Bytes;
-use proto::codec::{decode_table, encode};
-use proto::frame::{Environment, FrameState, PixelFormat, TileIndex};
-use proto::ids::{ContentId, Epoch, FrameNumber, ViewId};
-use proto::message::{BoardReport, FrameHeader, TileMessage};
+use proto::codec::decode_table;
+use proto::frame::{Environment, FrameState, PixelFormat};
+use proto::ids::{BoardKey, ContentId, Epoch, FrameNumber, ViewId};
+use proto::message::{BoardReport, FrameHeader, TileSink};
 use proto::piece::PieceKind;
 use proto::share::Share;
 use proto::view::{Pose, ViewSetup};
@@ -27,8 +27,6 @@ use tokio::sync::mpsc;
 
 /// Answers that may wait for the session.
 const ANSWERS: usize = 64;
-/// Most pixels in one tile message, bytes: large shares go in several, so that sending overlaps stitching.
-const TILE_MESSAGE_BYTES: usize = 8 << 20;
 
 /// What the painter is asked to do.
 #[derive(Debug)]
@@ -44,8 +42,10 @@ pub(super) enum Work {
     /// Draw these shares of a frame.
     /// Its shares; `None`: the board has no place under its wiring, so it must not be thought ready with it.
     Frame { header: Box<FrameHeader>, payload: Bytes, shares: Option<Vec<Share>> },
-    /// The queue to the compositor, or that there is none.
-    Outlet(Option<mpsc::Sender<Vec<Bytes>>>),
+    /// The queue to a compositor of that session.
+    OutletUp(u64, TileSink, mpsc::Sender<Vec<Bytes>>),
+    /// The queue to that compositor is no more.
+    OutletDown(BoardKey),
     /// A session is over and that one begins: lists and views are another's from now on. The scene is kept.
     ForgetSession(u64),
 }
@@ -88,9 +88,7 @@ impl Painter {
             scene: None,
             session: 0,
             outbox: outbox.clone(),
-            outlet: None,
-            is_behind: true,
-            sent_epoch: None,
+            outlets: Outlets::default(),
             followed: Followed::default(),
             drawn: None,
             pictures: BTreeMap::new(),
@@ -115,9 +113,9 @@ impl Painter {
         let _ = self.pieces.send(Raw { session: self.session, id, kind, bytes });
     }
 
-    /// For the outlet's task.
-    pub(super) fn work(&self) -> Sender<Work> {
-        self.work.clone()
+    /// For an outlet's task: the queue, and the session.
+    pub(super) fn work(&self) -> (Sender<Work>, u64) {
+        (self.work.clone(), self.session)
     }
 
     /// The next answer of this session; `None`: the painter has ended. Cancel-safe.
@@ -165,11 +163,7 @@ struct Hand {
     scene: Option<ContentId>,
     session: u64,
     outbox: mpsc::Sender<(u64, Painted)>,
-    outlet: Option<mpsc::Sender<Vec<Bytes>>>,
-    /// The compositor lacks tiles that were drawn: all must be sent.
-    is_behind: bool,
-    /// The wiring under which tiles were sent last.
-    sent_epoch: Option<Epoch>,
+    outlets: Outlets,
     followed: Followed,
     /// The frame that `pictures` show.
     drawn: Option<Drawn>,
@@ -237,24 +231,21 @@ impl Hand {
                 self.answer(Painted::Loaded(scene));
             }
             Work::Frame { header, payload, shares } => *job = self.follow(*header, &payload, shares)?,
-            Work::Outlet(outlet) => {
-                self.outlet = outlet;
-                self.is_behind = true;
+            Work::OutletUp(session, ..) if session != self.session => {}
+            Work::OutletUp(_, sink, queue) => {
+                let key = sink.key;
+                self.outlets.open(sink, queue);
                 // A frame that is not under way again is the compositor's only chance to get this board's tiles.
-                if job.is_none()
-                    && let Some(drawn) = &self.drawn
-                {
-                    let (frame, epoch) = (drawn.frame, drawn.epoch);
-                    self.deliver(frame, epoch, None);
+                if job.is_none() {
+                    self.deliver(Some(key), &BTreeMap::new());
                 }
             }
+            Work::OutletDown(key) => self.outlets.close(key),
             Work::ForgetSession(session) => {
                 self.session = session;
                 self.followed.clear();
                 self.drawn = None;
-                self.outlet = None;
-                self.is_behind = true;
-                self.sent_epoch = None;
+                self.outlets = Outlets::default();
                 *job = None;
             }
         }
@@ -269,8 +260,10 @@ impl Hand {
         shares: Option<Vec<Share>>,
     ) -> Result<Option<Job>, String> {
         if let Some(views) = &header.views {
-            // The compositor clears its canvas when sizes or places change.
-            self.is_behind |= views.iter().map(shape).ne(self.followed.views.iter().map(shape));
+            // Compositors clear their canvas when sizes or places change.
+            if views.iter().map(shape).ne(self.followed.views.iter().map(shape)) {
+                self.outlets.fall_behind();
+            }
         }
         let store = &self.store;
         self.followed.take(&header, payload, store.subobjects(), |object| store.home(object))?;
@@ -303,8 +296,8 @@ impl Hand {
                 return;
             }
         }
-        // The link's epoch is new to the compositor: it has dropped what it had of this board.
-        self.is_behind |= self.sent_epoch != Some(epoch);
+        self.outlets.on_epoch(epoch);
+        let is_behind = self.outlets.is_behind();
         let mut changed = BTreeMap::new();
         let mut comparing = Duration::ZERO;
         for share in job.inputs.shares.iter().filter(|_| !is_same) {
@@ -325,50 +318,29 @@ impl Hand {
             let before = self.pictures.entry(share.view).or_insert_with(|| blank(job.inputs.format));
             std::mem::swap(before, &mut self.spare);
             let tiles = differing(before, &self.spare, job.inputs.format);
-            report.tiles_unchanged += if self.is_behind { 0 } else { (before.tiles.len() - tiles.len()) as u64 };
+            report.tiles_unchanged += if is_behind { 0 } else { (before.tiles.len() - tiles.len()) as u64 };
             comparing += started.elapsed();
             changed.insert(share.view, tiles);
         }
         let started = Instant::now();
         self.drawn = Some(Drawn { frame, epoch, inputs: job.inputs });
-        report.tile_bytes = self.deliver(frame, epoch, Some(&changed));
+        report.tile_bytes = self.deliver(None, &changed);
         report.transfer_ns = (comparing + started.elapsed()).as_nanos() as u64;
         self.answer(Painted::Ready { frame, epoch, report });
     }
 
-    /// Queues the tiles of the drawn frame for the compositor: the changed ones, or all when it is behind. Returns the
-    /// bytes.
-    fn deliver(&mut self, frame: FrameNumber, epoch: Epoch, changed: Option<&BTreeMap<ViewId, Vec<usize>>>) -> u64 {
-        let Some(outlet) = &self.outlet else {
-            self.is_behind = true;
-            return 0;
+    /// Queues the tiles of the drawn frame for the compositors. Returns the bytes.
+    fn deliver(&mut self, to: Option<BoardKey>, changed: &BTreeMap<ViewId, Vec<usize>>) -> u64 {
+        let Some(Drawn { frame, epoch, inputs }) = &self.drawn else { return 0 };
+        let drawn = Delivery {
+            frame: *frame,
+            epoch: *epoch,
+            views: &inputs.views,
+            format: inputs.format,
+            pictures: &self.pictures,
+            changed,
         };
-        let Some(Inputs { views, format, .. }) = self.drawn.as_ref().map(|drawn| &drawn.inputs) else { return 0 };
-        let mut messages = Vec::new();
-        for (view, picture) in &self.pictures {
-            let Some(size) = views.get(view.0 as usize).map(|setup| (setup.view.width, setup.view.height)) else {
-                continue;
-            };
-            let all: Vec<usize>;
-            let tiles = match changed {
-                Some(changed) if !self.is_behind => changed.get(view).map_or(&[][..], Vec::as_slice),
-                _ => {
-                    all = (0..picture.tiles.len()).collect();
-                    &all
-                }
-            };
-            let head = TileMessage::Tiles { frame, epoch, view: *view, count: 0, size, format: *format };
-            tile_messages(picture, tiles, *format, &head, &mut messages);
-        }
-        messages.push(encode(&TileMessage::Done { frame, epoch }, &[]));
-        let bytes = messages.iter().map(|message| message.len() as u64).sum();
-        // All or nothing. Without room the compositor hangs or is gone, and the board goes on without it.
-        self.is_behind = outlet.try_send(messages).is_err();
-        if self.is_behind {
-            return 0;
-        }
-        self.sent_epoch = Some(epoch);
-        bytes
+        self.outlets.deliver(to, &drawn)
     }
 }
 
@@ -390,54 +362,11 @@ fn blank(format: PixelFormat) -> TilePictures {
     }
 }
 
-/// A tile's pixels as they are sent.
-fn pixels(picture: &TilePictures, k: usize, format: PixelFormat) -> &[u8] {
-    match (format, picture.tile_linear(k)) {
-        // f32 are sent as they lie in memory: `proto::codec` refuses to be built for a big-endian machine.
-        (PixelFormat::LinearF32, Some(linear)) => bytemuck::cast_slice(linear),
-        _ => picture.tile(k),
-    }
-}
-
 /// Indices of the tiles of `new` that `old` doesn't have alike.
 fn differing(new: &TilePictures, old: &TilePictures, format: PixelFormat) -> Vec<usize> {
     let is_comparable = new.tiles == old.tiles && new.linear.is_some() == old.linear.is_some();
     let is_alike = |k: &usize| is_comparable && pixels(new, *k, format) == pixels(old, *k, format);
     (0..new.tiles.len()).filter(|k| !is_alike(k)).collect()
-}
-
-/// The messages that carry the tiles numbered in `tiles`; `head` says which picture they are of.
-fn tile_messages(
-    picture: &TilePictures,
-    tiles: &[usize],
-    format: PixelFormat,
-    head: &TileMessage,
-    messages: &mut Vec<Bytes>,
-) {
-    let mut rest = tiles;
-    while !rest.is_empty() {
-        let mut bytes = 0;
-        let fits = rest.iter().take_while(|k| {
-            bytes += pixels(picture, **k, format).len();
-            bytes <= TILE_MESSAGE_BYTES
-        });
-        let (run, after) = rest.split_at(fits.count().max(1));
-        rest = after;
-        let mut payload = Vec::with_capacity(bytes + run.len() * size_of::<TileIndex>());
-        for k in run {
-            let tile = picture.tiles[*k];
-            payload.extend_from_slice(&tile.x.to_le_bytes());
-            payload.extend_from_slice(&tile.y.to_le_bytes());
-        }
-        for k in run {
-            payload.extend_from_slice(pixels(picture, *k, format));
-        }
-        let mut head = head.clone();
-        if let TileMessage::Tiles { count, .. } = &mut head {
-            *count = run.len() as u32;
-        }
-        messages.push(encode(&head, &payload));
-    }
 }
 
 fn count(report: &mut BoardReport, stats: &DrawStats) {

@@ -1,7 +1,7 @@
 //! What the backplanes say, and what is done for the one that is served.
 //!
 //! There is a session for each backplane that is there: it is beaten to, and asked and answered. Only the session that is served ([`Terms`])
-//! has a wiring, neighbours, a link to the compositor and work for the painter; when another begins to be served, all that is dropped, but
+//! has a wiring, neighbours, links to the compositors and work for the painter; when another begins to be served, all that is dropped, but
 //! neither the scene nor the last picture. A backplane hears what the board holds when it begins to be served, or when nobody is.
 
 mod service;
@@ -13,10 +13,11 @@ use super::terms::{Heed, Terms};
 use super::{Config, LEAVE_TIMEOUT, WorkerError, outlet};
 use bytes::Bytes;
 use proto::chain::{Answer, BoardChain, BoardOutput};
-use proto::codec::{CodecError, encode};
+use proto::codec::{self, CodecError, encode};
 use proto::ids::{BoardKey, Term};
+use proto::limits;
 use proto::link::LinkError;
-use proto::message::{FromBoard, ToBoard};
+use proto::message::{FromBoard, TileSink, ToBoard};
 use proto::time::Time;
 use service::Service;
 use std::sync::Arc;
@@ -54,8 +55,8 @@ struct Session {
     chain: BoardChain,
     /// Who is to the left under the newest wiring.
     left: Option<BoardKey>,
-    /// Where the compositor listens.
-    compositor: Option<String>,
+    /// Whom tiles go to.
+    compositors: Vec<TileSink>,
     told: Told,
 }
 
@@ -170,7 +171,8 @@ impl Board {
             BackplaneEvent::Up(index, outbox) => {
                 self.closed[index] = false;
                 let (chain, told) = (BoardChain::new(BoardKey(0)), Told::No);
-                self.sessions[index] = Some(Session { outbox, key: None, chain, left: None, compositor: None, told });
+                let compositors = Vec::new();
+                self.sessions[index] = Some(Session { outbox, key: None, chain, left: None, compositors, told });
             }
             BackplaneEvent::Said(index, message, payload) if self.sessions[index].is_some() => {
                 match self.on_message(index, *message, payload) {
@@ -216,8 +218,8 @@ impl Board {
     /// From now on nothing is done for who was served.
     fn end_service(&mut self) {
         self.neighbours.close_all();
+        // The painter forgets the outlets with the session.
         self.service = Service::default();
-        self.painter.send(Work::Outlet(None));
         self.painter.forget_session();
         // The answer would be of a session that is over.
         for session in self.sessions.iter_mut().flatten().filter(|session| session.told == Told::Asked) {
@@ -245,7 +247,7 @@ impl Board {
             self.say(other, &FromBoard::Answer(Answer::Refused { term }), &[]);
         }
         self.tell();
-        self.open_outlet(index);
+        self.open_outlets(index);
     }
 
     /// Has the painter say what the board holds, if somebody should know it and doesn't.
@@ -265,16 +267,26 @@ impl Board {
         }
     }
 
-    fn open_outlet(&mut self, index: usize) {
-        let Some(Session { key: Some(key), compositor, .. }) = &self.sessions[index] else { return };
-        if self.service.outlet.as_ref().map(|(at, _)| at) == compositor.as_ref() {
-            return;
+    /// Keeps links to the compositors that there are, and to no others.
+    fn open_outlets(&mut self, index: usize) {
+        let Some(Session { key: Some(key), compositors, .. }) = &self.sessions[index] else { return };
+        let gone: Vec<_> = self
+            .service
+            .outlets
+            .keys()
+            .filter(|key| compositors.iter().all(|sink| sink.key != **key))
+            .copied()
+            .collect();
+        for key in gone {
+            self.service.outlets.remove(&key);
+            self.painter.send(Work::OutletDown(key));
         }
-        if self.service.outlet.take().is_some() {
-            self.painter.send(Work::Outlet(None));
+        for sink in compositors {
+            self.service
+                .outlets
+                .entry(sink.key)
+                .or_insert_with(|| outlet::keep(sink.clone(), *key, self.painter.work(), self.config.trust.clone()));
         }
-        let (work, trust) = (self.painter.work(), self.config.trust.clone());
-        self.service.outlet = compositor.clone().map(|at| (at.clone(), outlet::keep(at, *key, work, trust)));
     }
 
     /// Whether a word is to be followed that only who leads says.
@@ -291,12 +303,13 @@ impl Board {
             ToBoard::Welcome { key } => self.on_welcome(index, key),
             ToBoard::Refused { reason } => return Err(self.on_refused(index, reason)),
             ToBoard::Goodbye => return Err(self.on_goodbye(index)),
-            ToBoard::Compositor { address } => {
+            ToBoard::Compositors(sinks) => {
+                codec::within("compositors", sinks.len() as u64, limits::COMPOSITORS_MAX)?;
                 if let Some(session) = &mut self.sessions[index] {
-                    session.compositor = address;
+                    session.compositors = sinks;
                 }
                 if self.terms.served() == Some(index) {
-                    self.open_outlet(index);
+                    self.open_outlets(index);
                 }
             }
             ToBoard::Alive => self.terms.on_alive(now, index),

@@ -34,6 +34,8 @@ pub(super) struct Plan<'a> {
     pub(super) manifest: Option<&'a Path>,
     /// Whether each board reaches the backplane through a relay that can be cut.
     pub(super) relays: bool,
+    /// Whether each view has a display of its own, instead of one compositor for all.
+    pub(super) displays: bool,
 }
 
 impl<'a> Plan<'a> {
@@ -49,6 +51,7 @@ impl<'a> Plan<'a> {
             rate: *rate,
             manifest: None,
             relays: false,
+            displays: false,
         }
     }
 }
@@ -130,7 +133,14 @@ impl<'a> Fleet<'a> {
         let (manager, [backplane, pose, console]) = manager(&plan, [any(), any(), any()], true, None)?;
         let mut fleet =
             Self { plan, manager, others: Vec::new(), boards: Vec::new(), backplane, pose, console, named: 0 };
-        fleet.others.push(compositor(&fleet.backplane.to_string(), fleet.plan.manifest)?);
+        let address = fleet.backplane.to_string();
+        if fleet.plan.displays {
+            for view in 0..fleet.plan.views {
+                fleet.others.push(display(&address, view)?);
+            }
+        } else {
+            fleet.others.push(compositor(&address, fleet.plan.manifest)?);
+        }
         fleet.others.push(host(&fleet.plan, &fleet.pose.to_string())?);
         for _ in 0..fleet.plan.boards {
             fleet.add()?;
@@ -305,6 +315,11 @@ pub(super) fn compositor(backplanes: &str, manifest: Option<&Path>) -> Result<Ch
         compositor.arg("--manifest").arg(manifest);
     }
     compositor.spawn().map_err(said)
+}
+
+/// Starts the display of a view.
+fn display(backplane: &str, view: u32) -> Result<Child, CommandError> {
+    own(&["compositor", "--backplane", backplane, "--views", &view.to_string()])?.spawn().map_err(said)
 }
 
 /// Starts a host that flies.

@@ -1,11 +1,12 @@
-//! `cyclorama bench latency`: a rig in real time, and how long it takes from the host's packet to the swap.
+//! `cyclorama bench latency`: a rig in real time, and how long it takes from the host's packet to the swap, and how
+//! far apart displays change.
 
 use super::fleet::{self, Fleet, Look, Plan, said};
 use crate::cli::LatencyArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
 use ::bench::Report;
-use ::bench::latency::{Row, Times, figures, table};
+use ::bench::latency::{Displays, Row, Times, figures, table};
 use std::time::{Duration, Instant};
 
 /// How often it is said how far it is.
@@ -17,7 +18,7 @@ const STAGES: [&str; 8] = ["select", "stream", "geometry", "raster", "translucen
 pub(crate) fn latency(args: &LatencyArgs) -> Result<(), CommandError> {
     let folder = tempfile::tempdir().map_err(said)?;
     let camera = fleet::camera(&args.fleet, folder.path())?;
-    let plan = Plan::new(&args.fleet, &camera);
+    let plan = Plan { displays: !args.stitched, ..Plan::new(&args.fleet, &camera) };
     let fleet = Fleet::start(plan)?;
     let length = Duration::from_secs_f64(args.seconds);
     let started = Instant::now();
@@ -55,6 +56,11 @@ fn row(args: &LatencyArgs, look: &Look) -> Row {
         rate_divider: look.count("/rate_divider"),
         latency: times("/latency_ms"),
         frame: times("/frame_ms"),
+        displays: (!args.stitched).then(|| Displays {
+            swaps: look.count("/display_swaps"),
+            same: look.count("/same_frame_swaps"),
+            skew: times("/swap_skew_ms"),
+        }),
         stages: STAGES.map(|stage| (stage.to_owned(), times(&format!("/stage_ms/{stage}")))).to_vec(),
     }
 }

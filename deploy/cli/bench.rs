@@ -259,6 +259,9 @@ pub(crate) struct LatencyArgs {
     /// How long it flies, s
     #[arg(long, default_value = "600", value_name = "S", value_parser = positive)]
     pub seconds: f64,
+    /// One compositor for all views, instead of a display for each
+    #[arg(long)]
+    pub stitched: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -21,7 +21,7 @@ pub(crate) struct Shown {
     pub environment: Environment,
     pub format: PixelFormat,
     pub epoch: Epoch,
-    pub compositor: Option<BoardKey>,
+    pub compositors: Vec<BoardKey>,
     /// Revisions of the views, of what is moved and mixed, and of each view's list.
     pub revisions: Vec<u64>,
 }
@@ -67,7 +67,14 @@ mod tests {
     fn shown(revision: u64) -> Shown {
         let environment = Environment::default();
         let format = PixelFormat::Srgb8;
-        Shown { eye: Pose::IDENTITY, environment, format, epoch: Epoch(1), compositor: None, revisions: vec![revision] }
+        Shown {
+            eye: Pose::IDENTITY,
+            environment,
+            format,
+            epoch: Epoch(1),
+            compositors: Vec::new(),
+            revisions: vec![revision],
+        }
     }
 
     #[test]

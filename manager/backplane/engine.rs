@@ -2,9 +2,10 @@
 //!
 //! It takes facts from its queue, hands them to the cores ([`BackplaneChain`], [`FrameClock`], [`Director`]), and carries
 //! out what they want. A frame goes: pose → selection → one message per board → readies → swap → (lock-step: shown by
-//! the compositor → the host's answer). `frame` opens frames, `swap` ends them, `host` takes poses, `feed` sends pieces of the
+//! the compositors → the host's answer). `frame` opens frames, `swap` ends them, `compositors` shows them, `host` takes poses, `feed` sends pieces of the
 //! scene, `control` does what the console asks, `standby` says whether any of this is ours to do.
 
+mod compositors;
 mod control;
 mod feed;
 mod frame;
@@ -26,6 +27,7 @@ use super::stream::Stream;
 use super::trace::{FrameTrace, Traces};
 use crate::host::native::Freshness;
 use bytes::Bytes;
+use compositors::Compositors;
 use control::Control;
 use link::Identity;
 use proto::chain::{BackplaneChain, BackplaneOutput, BetweenBackplanes, ClockMode, ClockOutput, FrameClock};
@@ -33,7 +35,7 @@ use proto::codec::encode;
 use proto::frame::PixelFormat;
 use proto::ids::{BoardKey, FrameNumber, Term, ViewId};
 use proto::limits;
-use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, ToBoard, ToCompositor};
+use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, ToBoard};
 use proto::pose::{Answer, PosePacket};
 use proto::time::Time;
 pub(crate) use standby::OPENED;
@@ -167,18 +169,6 @@ impl Board {
     }
 }
 
-#[derive(Debug)]
-struct Compositor {
-    key: BoardKey,
-    listen: String,
-    /// What it wants pixels as.
-    format: PixelFormat,
-    /// Whether it wants to know what each frame depends on.
-    records: bool,
-    outbox: Outbox,
-    views: u64,
-}
-
 /// A pose that waits for its frame, or whose frame waits for its swap.
 #[derive(Clone, Copy, Debug)]
 struct Source {
@@ -212,7 +202,7 @@ pub(crate) struct Engine {
     /// The last frame that waited for pieces.
     waited: Option<FrameNumber>,
     boards: BTreeMap<BoardKey, Board>,
-    compositor: Option<Compositor>,
+    compositors: Compositors,
     statistics: Statistics,
     /// The newest pose, not yet in a frame.
     fresh: Option<Source>,
@@ -277,7 +267,7 @@ impl Engine {
             culled: 0,
             waited: None,
             boards: BTreeMap::new(),
-            compositor: None,
+            compositors: Compositors::default(),
             statistics: Statistics::default(),
             fresh: None,
             shown: None,
@@ -320,10 +310,7 @@ impl Engine {
             board.outbox.send(encode(&ToBoard::Goodbye, &[]));
             board.outbox.close();
         }
-        if let Some(compositor) = &self.compositor {
-            compositor.outbox.send(encode(&ToCompositor::Goodbye, &[]));
-            compositor.outbox.close();
-        }
+        self.compositors.dismiss();
         self.report()
     }
 
@@ -346,7 +333,7 @@ impl Engine {
         let has_enough = !is_first || (self.chain.has_closed() && self.chain.len() >= self.config.wait_for_boards);
         // In lock-step every frame is to be shown: whoever waits for the compositor once waits for it always.
         let needs_compositor = self.config.wait_for_compositor && (is_first || self.is_lock_step());
-        let has_compositor = !needs_compositor || self.compositor.is_some();
+        let has_compositor = !needs_compositor || self.compositors.show_all(self.director.views().len());
         let has_pose = match self.config.mode {
             ClockMode::RealTime { .. } => true,
             // A frame that is drawn again has its pose already.
@@ -374,10 +361,7 @@ impl Engine {
             }
             Event::Board { key, message, payload } => self.on_board(key, message, &payload),
             // One that was refused may still be talking.
-            Event::Compositor { key, message, payload } if self.compositor.as_ref().is_some_and(|c| c.key == key) => {
-                self.on_compositor(message, payload);
-            }
-            Event::Compositor { .. } => {}
+            Event::Compositor { key, message, payload } => self.on_compositor(key, message, payload),
             Event::Peer { key, message } => self.on_peer_said(key, message),
             Event::Pose { packet, from, received, freshness } => self.on_pose(packet, from, received, freshness),
             Event::BadPose => self.statistics.dropped.pose_packets += 1,
@@ -407,10 +391,10 @@ impl Engine {
                 self.log("refused", format!("a board too many, from {from}"));
             }
             Role::Board { threads, link, memory } => {
-                let compositor = self.compositor.as_ref().map(|c| c.listen.clone());
+                let sinks = self.compositors.sinks();
                 let certified = identity.map(|identity| identity.name);
                 let is_taken = outbox.send(encode(&ToBoard::Welcome { key }, &[]))
-                    && outbox.send(encode(&ToBoard::Compositor { address: compositor }, &[]));
+                    && outbox.send(encode(&ToBoard::Compositors(sinks), &[]));
                 if is_taken {
                     let (name, room) = (&hello.name, memory >> 20);
                     let detail = format!("board {name} ({from}, {threads} threads, {room} MiB), {key:?}");
@@ -419,31 +403,12 @@ impl Engine {
                     self.control.on_hello(&hello.name);
                     let now = self.now();
                     self.boards.insert(key, Board::new(hello.name, certified, link, memory, outbox, now));
-                    self.tell_compositor_boards();
+                    self.tell_compositors_boards();
                     self.on_board_there(key);
                 }
             }
-            Role::Compositor { listen, format, records } => {
-                if let Some(other) = &self.compositor {
-                    let reason = format!("this rig has a compositor already, at {}", other.listen);
-                    outbox.send(encode(&ToCompositor::Refused { reason }, &[]));
-                    outbox.close();
-                    self.log("refused", format!("a second compositor, from {from}"));
-                    return;
-                }
-                outbox.send(encode(&ToCompositor::Welcome, &[]));
-                let address = Some(listen.clone());
-                self.compositor = Some(Compositor { key, listen, format, records, outbox, views: 0 });
-                self.tell_compositor_boards();
-                self.update_compositor_views();
-                // Boards keep the last frame's tiles, and in one format only.
-                if let (Some(swap), Some(compositor)) = (&self.last_swap, &self.compositor)
-                    && compositor.format == self.format
-                {
-                    compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
-                }
-                self.tell_boards(&ToBoard::Compositor { address });
-                self.log("connected", format!("compositor ({from})"));
+            Role::Compositor { listen, format, records, views } => {
+                self.on_compositor_hello(key, (listen, format, records, views), from, outbox);
             }
             Role::Backplane => self.on_peer(key, &format!("{} ({from})", hello.name), outbox),
         }
@@ -453,14 +418,6 @@ impl Engine {
         let bytes = encode(message, &[]);
         for board in self.boards.values() {
             board.outbox.send(bytes.clone());
-        }
-    }
-
-    fn update_compositor_views(&mut self) {
-        let revision = self.director.layout_revision;
-        if let Some(compositor) = self.compositor.as_mut().filter(|c| c.views != revision) {
-            compositor.views = revision;
-            compositor.outbox.send(encode(&ToCompositor::Views(self.director.layout().to_vec()), &[]));
         }
     }
 
@@ -482,17 +439,7 @@ impl Engine {
             if board.draws && !board.is_leaving {
                 self.broken.get_or_insert((now, self.statistics.late_frames));
             }
-        } else if self.compositor.as_ref().is_some_and(|compositor| compositor.key == key) {
-            self.compositor = None;
-            match self.clock.presenting_frame() {
-                // It is drawn again when a compositor is there to show it.
-                Some(frame) if self.config.wait_for_compositor => self.clock.on_missing(frame),
-                _ => self.clock.on_compositor_lost(),
-            }
-            self.answer();
-            self.tell_boards(&ToBoard::Compositor { address: None });
-            self.log("lost", format!("compositor: {reason}"));
-        } else {
+        } else if !self.on_compositor_lost(key, reason) {
             self.on_peer_lost(key, reason);
         }
     }
@@ -539,24 +486,6 @@ impl Engine {
             let name = board.name.clone();
             self.statistics.dropped.boards += 1;
             self.log("put out", format!("board {name} ({key:?}): {why}"));
-        }
-    }
-
-    fn on_compositor(&mut self, message: FromCompositor, payload: Bytes) {
-        match message {
-            FromCompositor::Presented { frame, stitch_ns } => {
-                let (now, stitch) = (self.now(), Duration::from_nanos(stitch_ns));
-                self.statistics.stitch.add(stitch);
-                self.traces.on_presented(now, frame, stitch);
-                self.control.shown = Some(now);
-                self.clock.on_presented(frame);
-                self.answer();
-            }
-            FromCompositor::Preview { frame } => self.picture = Some((frame, payload)),
-            FromCompositor::Missing { frame } => {
-                self.clock.on_missing(frame);
-                self.log("incomplete", format!("{frame:?} lost tiles on its way to the compositor"));
-            }
         }
     }
 

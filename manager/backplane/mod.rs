@@ -30,6 +30,7 @@ mod content;
 pub(crate) mod desk;
 mod director;
 mod engine;
+mod genlock;
 mod links;
 mod lists;
 pub(crate) mod live;

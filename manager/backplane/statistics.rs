@@ -1,5 +1,6 @@
 //! What a rig has done, under the names of operations.md: counters, distributions of times, and a log of events.
 
+use super::genlock::Genlock;
 use hdrhistogram::Histogram;
 use proto::message::BoardReport;
 use serde::Serialize;
@@ -46,7 +47,7 @@ impl Times {
         self.counts.sum = self.counts.sum.saturating_add(time);
     }
 
-    fn summary(&self) -> TimeSummary {
+    pub(crate) fn summary(&self) -> TimeSummary {
         let ms = |ns: u64| (ns as f64 / 1e3).round() / 1e3;
         let at = |q| if self.histogram.is_empty() { 0.0 } else { ms(self.histogram.value_at_quantile(q)) };
         TimeSummary { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: ms(self.histogram.max()) }
@@ -235,6 +236,12 @@ pub struct Report {
     pub resolution_divider: u32,
     /// Frames that were selected for while the one before was drawn.
     pub frames_ahead: u64,
+    /// Swaps that several displays made.
+    pub display_swaps: u64,
+    /// Of these, those after which all views showed that frame.
+    pub same_frame_swaps: u64,
+    /// From the first display's change of picture to the last one's, ms.
+    pub swap_skew_ms: TimeSummary,
     /// From open to swap, ms.
     pub frame_ms: TimeSummary,
     /// From the host's packet to the swap, ms.
@@ -290,6 +297,7 @@ pub(crate) struct Statistics {
     pub skipped: Skipped,
     pub dropped: Dropped,
     pub streaming: Streaming,
+    pub genlock: Genlock,
     events: VecDeque<EventEntry>,
 }
 
@@ -411,6 +419,9 @@ impl Statistics {
             rate_divider: divider,
             resolution_divider: scale,
             frames_ahead: self.frames_ahead,
+            display_swaps: self.genlock.swaps,
+            same_frame_swaps: self.genlock.same,
+            swap_skew_ms: self.genlock.skew.summary(),
             frame_ms: self.frame.summary(),
             latency_ms: self.latency.summary(),
             stage_ms: StageTimes {

@@ -86,11 +86,32 @@ fn at_most(
     limit: f64,
     value: Result<f64, String>,
 ) -> Figure {
+    judged(figure, unit, target, value, |value| value <= limit)
+}
+
+/// A figure that is to be no less than a limit.
+fn at_least(
+    figure: &'static str,
+    unit: &'static str,
+    target: &'static str,
+    limit: f64,
+    value: Result<f64, String>,
+) -> Figure {
+    judged(figure, unit, target, value, |value| value >= limit)
+}
+
+fn judged(
+    figure: &'static str,
+    unit: &'static str,
+    target: &'static str,
+    value: Result<f64, String>,
+    is_met: impl Fn(f64) -> bool,
+) -> Figure {
     let (value, why) = match value {
         Ok(value) => (Some(value), None),
         Err(why) => (None, Some(why)),
     };
-    Figure { figure, value, unit, target, met: value.map(|value| value <= limit), why }
+    Figure { figure, value, unit, target, met: value.map(is_met), why }
 }
 
 /// What `bench … --json` prints.

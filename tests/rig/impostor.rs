@@ -165,8 +165,8 @@ async fn a_board_does_not_pass_for_a_compositor_nor_for_a_manager_nor_the_revers
         [(NodeRole::Board, "pc1"), (NodeRole::Compositor, "wall")].map(|(role, name)| trust(&authority, role, name));
     let says = |role: Role| Hello { name: "impostor".into(), role };
     let as_board = says(Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory: 1 << 30 });
-    let as_compositor =
-        says(Role::Compositor { listen: "127.0.0.1:1".into(), format: PixelFormat::Srgb8, records: false });
+    let (listen, format) = ("127.0.0.1:1".into(), PixelFormat::Srgb8);
+    let as_compositor = says(Role::Compositor { listen, format, records: false, views: Vec::new() });
     closes(&mut knock(&board, &address, NodeRole::Manager, &as_compositor).await).await;
     closes(&mut knock(&compositor, &address, NodeRole::Manager, &as_board).await).await;
     closes(&mut knock(&board, &address, NodeRole::Manager, &says(Role::Backplane)).await).await;

@@ -10,6 +10,7 @@
 
 mod bad_input;
 mod bake;
+mod displays;
 mod events;
 mod grid;
 mod hostile;
@@ -26,3 +27,4 @@ mod still;
 mod streaming;
 mod transition;
 mod trust;
+mod window;

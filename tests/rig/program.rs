@@ -52,6 +52,16 @@ pub(crate) fn files(folder: &Path) -> std::collections::BTreeMap<String, Vec<u8>
 pub(crate) struct Daemon(Child);
 
 impl Daemon {
+    /// Of a process that was started otherwise.
+    pub(crate) fn of(child: Child) -> Self {
+        Self(child)
+    }
+
+    /// How it has ended, if it has.
+    pub(crate) fn ended(&mut self) -> Option<std::process::ExitStatus> {
+        self.0.try_wait().expect("our child")
+    }
+
     /// Its process's number.
     pub(crate) fn id(&self) -> u32 {
         self.0.id()

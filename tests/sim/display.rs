@@ -65,6 +65,7 @@ impl Display {
                         listen: self.index.to_string(),
                         format: PixelFormat::default(),
                         records: false,
+                        views: Vec::new(),
                     };
                     context.net.send(self.node, wire, Packet::of(&Hello { name: String::new(), role }));
                     self.sessions[usize::from(rank)] = Some(wire);

@@ -6,19 +6,22 @@ use crate::worker::painter::{Painted, Work};
 use bytes::Bytes;
 use proto::chain::{Left, Seen, ToBoardChain};
 use proto::codec::{CodecError, decode_ids, encode_ids};
+use proto::ids::BoardKey;
 use proto::limits;
 use proto::link::LinkError;
 use proto::message::{FrameHeader, FromBoard, ToBoard};
 use proto::piece::{Assembler, SliceHeader};
 use proto::share::shares;
 use proto::view::ViewSetup;
+use std::collections::BTreeMap;
 use tokio_util::sync::DropGuard;
 
 /// What belongs to the session that is served.
 #[derive(Default)]
 pub(super) struct Service {
     views: Vec<ViewSetup>,
-    pub(super) outlet: Option<(String, DropGuard)>,
+    /// Links to compositors, by their keys.
+    pub(super) outlets: BTreeMap<BoardKey, DropGuard>,
     assembler: Assembler,
     /// Bytes of pieces that have begun to come and aren't ready to be drawn.
     loading: u64,

@@ -206,7 +206,7 @@ impl Engine {
             layout: self.director.layout().to_vec(),
             views_revision: self.director.views_revision,
             boards,
-            has_compositor: self.compositor.is_some(),
+            has_compositor: !self.compositors.is_empty(),
             display_factor: self.director.display_factor(),
             in_transition,
             models,

@@ -6,7 +6,7 @@ use crate::backplane::director::Substituted;
 use crate::backplane::residency::Patience;
 use proto::chain::Wiring;
 use proto::codec::encode;
-use proto::frame::{FrameRecord, FrameState, PixelFormat};
+use proto::frame::{FrameRecord, FrameState};
 use proto::ids::{BoardId, FrameNumber};
 use proto::message::{FrameHeader, FramePayload, ListUpdate, ToBoard, ToCompositor};
 use proto::share::shares;
@@ -82,7 +82,7 @@ impl Engine {
         let substituted = self.stream.settle(&mut self.director, &wiring, patience);
         let selecting = before_select.elapsed();
         self.first_open.get_or_insert(now);
-        self.format = self.compositor.as_ref().map_or(PixelFormat::default(), |compositor| compositor.format);
+        self.format = self.compositors.format();
         let shown = self.shown_by(&wiring);
         let is_picture_wanted = self.is_picture_wanted(now) || self.control.is_paused();
         let is_picture_due = is_picture_wanted && self.last_swap.as_ref().is_none_or(|swap| !swap.preview);
@@ -166,17 +166,18 @@ impl Engine {
             environment: director.environment(),
             format: self.format,
             epoch: wiring.epoch,
-            compositor: self.compositor.as_ref().map(|compositor| compositor.key),
+            compositors: self.compositors.keys(),
             revisions,
         }
     }
 
     /// Says what the frame that opens depends on, if that is wanted.
     fn tell_record(&self, frame: FrameNumber) {
-        let Some(compositor) = self.compositor.as_ref().filter(|compositor| compositor.records) else { return };
-        let weights = self.director.mixtures.since(None).1.to_vec();
-        let record = FrameRecord { eye: self.director.eye(), environment: self.director.environment(), weights };
-        compositor.outbox.send(encode(&ToCompositor::Record { frame, record }, &[]));
+        self.compositors.tell_record(|| {
+            let weights = self.director.mixtures.since(None).1.to_vec();
+            let record = FrameRecord { eye: self.director.eye(), environment: self.director.environment(), weights };
+            ToCompositor::Record { frame, record }
+        });
     }
 
     /// Sends every board its frame.

@@ -1,4 +1,4 @@
-//! Who is who, where there are keys: what boards and compositor need to know so that no board can speak for another.
+//! Who is who, where there are keys: what boards and compositors need to know so that no board can speak for another.
 //!
 //! Names, not fingerprints: a certificate that is renewed under load has another fingerprint, and whoever still expected the old one would
 //! refuse a board that has done nothing wrong.
@@ -23,10 +23,10 @@ impl Engine {
     }
 
     /// Whenever a board comes: who all are by their certificates. Who has gone is left out the next time.
-    pub(super) fn tell_compositor_boards(&self) {
+    pub(super) fn tell_compositors_boards(&self) {
         let names = self.certified(self.boards.keys().copied());
-        if let Some(compositor) = self.compositor.as_ref().filter(|_| !names.is_empty()) {
-            compositor.outbox.send(encode(&ToCompositor::Boards(names), &[]));
+        if !names.is_empty() {
+            self.compositors.tell(&ToCompositor::Boards(names));
         }
     }
 

@@ -1,8 +1,7 @@
-//! A frame is over: the compositor, the statistics and the log hear of it.
+//! A frame is over: the compositors, the statistics and the log hear of it.
 
 use super::{Engine, PREVIEW_INTEREST, PREVIEW_PERIOD};
-use proto::codec::encode;
-use proto::message::{Swap, ToCompositor};
+use proto::message::Swap;
 use proto::time::Time;
 use std::sync::atomic::Ordering;
 
@@ -31,20 +30,12 @@ impl Engine {
         if let Some(source) = &self.shown {
             self.statistics.latency.add(now.since(source.received));
         }
-        match &self.compositor {
-            Some(compositor) if compositor.format == self.format => {
-                compositor.outbox.send(encode(&ToCompositor::Swap(swap.clone()), &[]));
-            }
-            // It came while the frame was drawn as another kind of pixels; in lock-step the frame is drawn again.
-            Some(_) => self.clock.on_missing(swap.frame),
-            None if self.config.wait_for_compositor => self.clock.on_missing(swap.frame),
-            None => self.clock.on_presented(swap.frame),
-        }
+        self.tell_swap(&swap);
         if !late {
             self.on_whole(now, &swap);
         }
         self.last_swap = Some(swap);
-        if !self.is_lock_step() || self.compositor.is_none() {
+        if !self.is_lock_step() || self.compositors.is_empty() {
             self.answer();
         }
     }
