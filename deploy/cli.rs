@@ -14,6 +14,7 @@ pub(crate) use keys::{KeysArgs, KeysCommand, KeysInitArgs, KeysIssueArgs, KeysSh
 pub(crate) use service::{CompletionsArgs, HealthArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde::Deserialize;
 use std::net::SocketAddr;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
@@ -106,6 +107,29 @@ impl From<ModeArg> for proto::view::Mode {
         match mode {
             ModeArg::Interleave => Self::Interleave,
             ModeArg::Region => Self::Region,
+        }
+    }
+}
+
+/// Whether selection goes ahead of the tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum SelectAheadArg {
+    /// When a period isn't enough for selecting and drawing
+    #[default]
+    Auto,
+    /// In every frame
+    Always,
+    /// The rate falls instead
+    Never,
+}
+
+impl From<SelectAheadArg> for manager::backplane::SelectAhead {
+    fn from(ahead: SelectAheadArg) -> Self {
+        match ahead {
+            SelectAheadArg::Auto => Self::Auto,
+            SelectAheadArg::Always => Self::Always,
+            SelectAheadArg::Never => Self::Never,
         }
     }
 }
@@ -269,6 +293,9 @@ pub(crate) struct ManagerArgs {
     /// How far resolution may fall when boards can't follow at an eighth of the rate: one pixel drawn for N of the picture's, each way
     #[arg(long, env = "CYCLORAMA_LOWEST_RESOLUTION", value_name = "1|2|4", value_parser = resolution)]
     pub lowest_resolution: Option<u32>,
+    /// Whether the next frame is selected while boards draw the present one, which costs it a period of latency
+    #[arg(long, env = "CYCLORAMA_SELECT_AHEAD", value_enum)]
+    pub select_ahead: Option<SelectAheadArg>,
     /// Most memory of each board that is used for meshes and textures, MiB; all that boards offer by default
     #[arg(long, env = "CYCLORAMA_BOARD_MEMORY", value_name = "MIB", value_parser = mebibytes)]
     pub board_memory: Option<u64>,

@@ -1,5 +1,6 @@
 //! Rig files: TOML, every key known by name. `deploy/rigs/annotated.toml` documents each.
 
+use crate::cli::SelectAheadArg;
 use crate::error::CommandError;
 use manager::select::DetailMode;
 use proto::view::{Mode, Tangents};
@@ -21,6 +22,8 @@ pub(crate) struct RigFile {
     pub rate_hz: Option<f64>,
     /// How far resolution may fall when boards can't follow: one pixel drawn for so many each way.
     pub lowest_resolution: Option<u32>,
+    /// Whether the next frame is selected while boards draw the present one.
+    pub select_ahead: Option<SelectAheadArg>,
     /// Most memory of each board that is used for meshes and textures, MiB.
     pub board_memory_mib: Option<f64>,
     /// What somebody must know to change anything at the console.

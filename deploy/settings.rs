@@ -274,6 +274,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         wait_for_boards: args.wait_for_boards,
         wait_for_compositor: args.wait_for_compositor,
         scale_max: scale_max(args, &file)?,
+        select_ahead: args.select_ahead.or(file.select_ahead).unwrap_or_default().into(),
         board_memory: board_memory(args, &file)?,
         trust,
         stands_by_for,

@@ -15,9 +15,22 @@ const EASY_FRAMES: u32 = 120;
 /// How many poses may wait for a frame that doesn't open; then the oldest is taken, and selection has been made in vain.
 const HELD_MAX: usize = 64;
 
+/// Whether selection goes ahead of the tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SelectAhead {
+    /// When one period isn't enough for selecting and drawing one after the other.
+    #[default]
+    Auto,
+    /// Always, so that latency is the same whatever a frame takes.
+    Always,
+    /// Never: what is shown is never older than need be, and the rate falls instead.
+    Never,
+}
+
 /// See the module's head. `P` is a pose with where it came from.
 #[derive(Debug)]
 pub(crate) struct Ahead<P> {
+    wish: SelectAhead,
     is_on: bool,
     tight: u32,
     easy: u32,
@@ -30,14 +43,27 @@ pub(crate) struct Ahead<P> {
     held: VecDeque<P>,
 }
 
-impl<P> Default for Ahead<P> {
-    fn default() -> Self {
-        let (selecting, drawing) = (Duration::ZERO, Duration::ZERO);
-        Self { is_on: false, tight: 0, easy: 0, selecting, drawing, is_made: false, held: VecDeque::new() }
-    }
-}
-
 impl<P> Ahead<P> {
+    /// Before the first frame.
+    pub(crate) fn new(wish: SelectAhead) -> Self {
+        let (selecting, drawing) = (Duration::ZERO, Duration::ZERO);
+        Self {
+            wish,
+            is_on: wish == SelectAhead::Always,
+            tight: 0,
+            easy: 0,
+            selecting,
+            drawing,
+            is_made: false,
+            held: VecDeque::new(),
+        }
+    }
+
+    /// Whether it goes ahead even if no frame is drawn meanwhile.
+    pub(crate) fn is_always(&self) -> bool {
+        self.wish == SelectAhead::Always
+    }
+
     /// A board has drawn a frame.
     pub(crate) fn on_drawn(&mut self, took: Duration) {
         self.drawing = self.drawing.max(took);
@@ -52,10 +78,12 @@ impl<P> Ahead<P> {
         let is_tight = !fits(both, 9) && fits(self.drawing, 9) && fits(selected, 9);
         self.tight = if is_tight { self.tight + 1 } else { 0 };
         self.easy = if fits(both, 7) { self.easy + 1 } else { 0 };
-        if self.tight >= TIGHT_FRAMES {
-            self.is_on = true;
-        } else if self.easy >= EASY_FRAMES {
-            self.is_on = false;
+        match self.wish {
+            SelectAhead::Auto if self.tight >= TIGHT_FRAMES => self.is_on = true,
+            SelectAhead::Auto if self.easy >= EASY_FRAMES => self.is_on = false,
+            SelectAhead::Auto => {}
+            SelectAhead::Always => self.is_on = true,
+            SelectAhead::Never => self.is_on = false,
         }
         (self.selecting, self.drawing) = (selected, Duration::ZERO);
         self.is_made = false;
@@ -104,10 +132,12 @@ mod tests {
 
     #[test]
     fn selection_goes_ahead_only_where_that_helps_and_while_it_does() {
-        let mut ahead = Ahead::default();
+        let mut ahead = Ahead::new(SelectAhead::Auto);
         assert!(!after(&mut ahead, 100, 4, 8), "both fit into a period");
         assert!(!after(&mut ahead, 100, 1, 20), "drawing alone does not");
         assert!(!after(&mut ahead, 1, 6, 12), "one frame decides nothing");
+        assert!(!after(&mut Ahead::new(SelectAhead::Never), 100, 6, 12), "it isn't wanted");
+        assert!(after(&mut Ahead::new(SelectAhead::Always), 500, 1, 1), "it always is");
         assert!(after(&mut ahead, 2, 6, 12));
         assert!(after(&mut ahead, 50, 4, 9), "where it is near, it stays");
         assert!(!after(&mut ahead, 200, 3, 5));
@@ -115,7 +145,7 @@ mod tests {
 
     #[test]
     fn selection_is_done_by_the_tick_and_later_poses_wait() {
-        let mut ahead = Ahead::default();
+        let mut ahead = Ahead::new(SelectAhead::Auto);
         assert!(after(&mut ahead, 2, 6, 12));
         let tick = Time(0) + PERIOD * 4;
         let due = ahead.due(tick).unwrap();

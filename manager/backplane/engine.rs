@@ -246,6 +246,7 @@ impl Engine {
             ClockMode::LockStep => chain.set_silence(LOCK_STEP_SILENCE),
         }
         let clock = clock(&config, FrameNumber(0), director.views().len());
+        let ahead = Ahead::new(config.select_ahead);
         let leadership = Leadership::new(config.stands_by_for.is_some());
         Self {
             config,
@@ -259,7 +260,7 @@ impl Engine {
             stream,
             traffic,
             calm: Calm::default(),
-            ahead: Ahead::default(),
+            ahead,
             selecting: Duration::ZERO,
             sent: [(FrameNumber(u64::MAX), Time(0)); 2],
             control: Control::default(),

@@ -42,6 +42,7 @@ mod stream;
 mod token;
 pub(crate) mod trace;
 
+pub use ahead::SelectAhead;
 pub use director::{DefaultRow, Stage};
 pub use statistics::{
     BoardMemory, Dropped, EventEntry, LinkBytes, Report, Skipped, StageTimes, Streaming, TimeSummary,
@@ -84,6 +85,8 @@ pub struct Config {
     pub wait_for_compositor: bool,
     /// When boards can't follow, how many of the picture's pixels, each way, one pixel drawn may stand for: a power of two; 1: resolution stays.
     pub scale_max: u32,
+    /// Whether selection goes ahead of the tick, in real time.
+    pub select_ahead: SelectAhead,
     /// Bytes that each board may use for meshes and textures, however many it has.
     pub board_memory: u64,
     /// How links to boards and compositors are protected.

@@ -8,6 +8,7 @@
     reason = "a test suite: a panic is a failure, and what is printed is its report"
 )]
 
+mod ahead;
 mod bad_input;
 mod bake;
 mod displays;

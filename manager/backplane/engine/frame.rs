@@ -32,8 +32,9 @@ impl Engine {
 
     /// When the next frame's selection should begin, if it is to be made while boards draw.
     pub(super) fn ahead_due(&self) -> Option<Time> {
-        self.clock.open_frame().filter(|_| !self.is_lock_step())?;
-        self.ahead.due(self.clock.next_tick().0)
+        let may_be = self.clock.open_frame().is_some() || self.ahead.is_always();
+        let tick = (may_be && !self.is_lock_step()).then(|| self.clock.next_tick().0)?;
+        self.ahead.due(tick)
     }
 
     pub(super) fn select_ahead_if_due(&mut self) {

@@ -244,7 +244,7 @@ impl Engine {
             self.chain.set_period(period);
         }
         self.clock = clock(&self.config, first, self.director.views().len());
-        (self.calm, self.ahead) = (Calm::default(), Ahead::default());
+        (self.calm, self.ahead) = (Calm::default(), Ahead::new(self.config.select_ahead));
         (self.last_swap, self.broken, self.leadership.asked) = (None, None, None);
         for (key, board) in &mut self.boards {
             self.stream.on_lost(*key);
