@@ -11,10 +11,5 @@ pub mod shell;
 pub mod sinks;
 pub mod stitch;
 mod terms;
+mod together;
 pub mod window;
-
-/// Nanoseconds since 1970, by this machine.
-fn wall_clock_ns() -> u64 {
-    let since = std::time::SystemTime::now().duration_since(std::time::SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
-}

@@ -97,7 +97,14 @@ mod tests {
         let row = View::row(2, 40, 33, Tangents::symmetric(45.0, 40, 33), Samples::One);
         assert!(stitcher.set_views(&row.into_iter().map(ViewSetup::new).collect::<Vec<_>>()));
         let record = FrameRecord { eye: Pose::IDENTITY, environment: Environment::default(), weights: Vec::new() };
-        let shown = Shown { frame: FrameNumber(7), preview: false, complete: vec![true, false], tiles: 0, skipped: 0 };
+        let shown = Shown {
+            frame: FrameNumber(7),
+            preview: false,
+            at_ns: 0,
+            complete: vec![true, false],
+            tiles: 0,
+            skipped: 0,
+        };
         let mut manifest = Manifest::create(&path).unwrap();
         manifest.on_record(FrameNumber(7), record);
         manifest.write(&shown, &stitcher).unwrap();

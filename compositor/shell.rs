@@ -18,7 +18,7 @@ use crate::preview::Previews;
 use crate::sinks::{FileKind, Files, Picture, SinkError};
 use crate::stitch::{Shown, Stitcher};
 use crate::terms::{Heed, Terms};
-use crate::wall_clock_ns;
+use crate::together::{self, wall_clock_ns};
 use crate::window::{Place, Window};
 use ::link::{Arrival, Incoming, Listener, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
@@ -233,7 +233,7 @@ impl Shell {
                 // In lock-step a frame comes again when another compositor lacked it: it is shown, and nothing new.
                 if self.shown.replace(shown.frame) != Some(shown.frame) {
                     match self.hand_out(&shown).await {
-                        Ok(at) => at_ns = at.unwrap_or(at_ns),
+                        Ok(at) => at_ns = at,
                         Err(end) => return end,
                     }
                 }
@@ -254,14 +254,21 @@ impl Shell {
         }
     }
 
-    /// Gives what is on the canvas to all sinks. Returns since when it is in the window, if there is one, ns since 1970.
-    async fn hand_out(&mut self, shown: &Shown) -> Result<Option<u64>, End> {
+    /// Gives what is on the canvas to all sinks, when it is to be shown. Returns since when it is, ns since 1970.
+    async fn hand_out(&mut self, shown: &Shown) -> Result<u64, End> {
         let is_wanted = self.files.is_some() || self.window.is_some();
         let picture = is_wanted.then(|| Arc::new(self.picture(shown.frame)));
         // First: what is seen is what waits for the swap.
-        let at_ns = match &picture {
-            Some(picture) => self.show(picture).await?,
-            None => None,
+        let at_ns = match (&self.window, &picture) {
+            (Some(window), Some(picture)) => match window.show(Arc::clone(picture), shown.at_ns).await {
+                Ok(at_ns) => at_ns,
+                Err(Some(why)) => return Err(End::Failed(CompositorError::Window(why))),
+                Err(None) => return Err(End::Goodbye),
+            },
+            _ => {
+                together::until(shown.at_ns).await;
+                wall_clock_ns()
+            }
         };
         if let Some(manifest) = &mut self.manifest {
             manifest.write(shown, &self.stitcher).map_err(|error| End::Failed(error.into()))?;
@@ -272,15 +279,6 @@ impl Shell {
             return Err(End::Sink);
         }
         Ok(at_ns)
-    }
-
-    async fn show(&self, picture: &Arc<Picture>) -> Result<Option<u64>, End> {
-        let Some(window) = &self.window else { return Ok(None) };
-        match window.show(Arc::clone(picture)).await {
-            Ok(at_ns) => Ok(Some(at_ns)),
-            Err(Some(why)) => Err(End::Failed(CompositorError::Window(why))),
-            Err(None) => Err(End::Goodbye),
-        }
     }
 
     fn picture(&self, frame: FrameNumber) -> Picture {

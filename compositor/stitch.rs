@@ -78,6 +78,8 @@ pub struct Shown {
     pub frame: FrameNumber,
     /// Whether the console wants it.
     pub preview: bool,
+    /// When it is to be shown, ns since 1970; 0: at once.
+    pub at_ns: u64,
     /// By view: whether it is new; else it repeats.
     pub complete: Vec<bool>,
     /// Number of tiles that changed.
@@ -274,8 +276,8 @@ impl Stitcher {
             tiles += run.tiles.len();
             self.lay(run);
         }
-        let Swap { frame, complete, preview, .. } = swap;
-        Some(Shown { frame, preview, complete, tiles, skipped: newest })
+        let Swap { frame, complete, preview, at_ns, .. } = swap;
+        Some(Shown { frame, preview, at_ns, complete, tiles, skipped: newest })
     }
 
     fn is_satisfied(&self, swap: &Swap) -> bool {
@@ -357,7 +359,14 @@ mod tests {
 
     fn swap(frame: u64, complete: &[bool], boards: &[u64]) -> Swap {
         let boards = boards.iter().map(|k| BoardKey(*k)).collect();
-        Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: complete.to_vec(), boards, preview: false }
+        Swap {
+            frame: FrameNumber(frame),
+            epoch: Epoch(1),
+            complete: complete.to_vec(),
+            boards,
+            preview: false,
+            at_ns: 0,
+        }
     }
 
     fn send(stitcher: &mut Stitcher, key: u64, frame: u64, boards: u32, view_count: u32) {

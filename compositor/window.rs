@@ -21,8 +21,15 @@ pub struct Place {
     pub at: Option<[i32; 2]>,
 }
 
-/// A picture, and who waits for it: he is told since when it is shown, ns since 1970, or why it can't be.
-type Order = (Arc<Picture>, oneshot::Sender<Result<u64, String>>);
+/// A picture to show.
+#[derive(Debug)]
+struct Order {
+    picture: Arc<Picture>,
+    /// When, ns since 1970.
+    at_ns: u64,
+    /// Who waits for it: he is told since when it is shown, ns since 1970, or why it can't be.
+    answer: oneshot::Sender<Result<u64, String>>,
+}
 
 /// The compositor's end of the thread; the window goes with it.
 #[derive(Debug)]
@@ -51,14 +58,14 @@ impl Window {
         Ok(Self(orders))
     }
 
-    /// Shows a picture of 8-bit pixels; returns since when, ns since 1970.
+    /// Shows a picture of 8-bit pixels at a moment; returns since when, both ns since 1970.
     ///
     /// # Errors
     /// Why it can't be shown, for people; `None`: the window is closed.
-    pub(crate) async fn show(&self, picture: Arc<Picture>) -> Result<u64, Option<String>> {
+    pub(crate) async fn show(&self, picture: Arc<Picture>, at_ns: u64) -> Result<u64, Option<String>> {
         let (answer, shown) = oneshot::channel();
         // There is room: the one before has been answered.
-        self.0.try_send((picture, answer)).map_err(|_| None)?;
+        self.0.try_send(Order { picture, at_ns, answer }).map_err(|_| None)?;
         shown.await.map_err(|_| None)?.map_err(Some)
     }
 }

@@ -293,6 +293,9 @@ pub(crate) struct ManagerArgs {
     /// How far resolution may fall when boards can't follow at an eighth of the rate: one pixel drawn for N of the picture's, each way
     #[arg(long, env = "CYCLORAMA_LOWEST_RESOLUTION", value_name = "1|2|4", value_parser = resolution)]
     pub lowest_resolution: Option<u32>,
+    /// How long before its moment a swap is said to displays, ms, if there are several: enough for the last tiles to come over their links
+    #[arg(long, env = "CYCLORAMA_SWAP_LEAD", value_name = "MS", value_parser = swap_lead)]
+    pub swap_lead: Option<f64>,
     /// Whether the next frame is selected while boards draw the present one, which costs it a period of latency
     #[arg(long, env = "CYCLORAMA_SELECT_AHEAD", value_enum)]
     pub select_ahead: Option<SelectAheadArg>,
@@ -611,6 +614,11 @@ fn views(text: &str) -> Result<NonZeroU32, String> {
     let most = proto::limits::VIEWS_MAX;
     let number = text.parse().ok().filter(|n: &NonZeroU32| n.get() as usize <= most);
     number.ok_or_else(|| format!("expected 1 to {most}"))
+}
+
+fn swap_lead(text: &str) -> Result<f64, String> {
+    let ms = text.parse().ok().filter(|ms| (0.0..=15.0).contains(ms));
+    ms.ok_or_else(|| "expected 0 to 15 ms".into())
 }
 
 /// A window's place: nothing, or its upper left corner.

@@ -22,6 +22,8 @@ pub(crate) struct RigFile {
     pub rate_hz: Option<f64>,
     /// How far resolution may fall when boards can't follow: one pixel drawn for so many each way.
     pub lowest_resolution: Option<u32>,
+    /// How long before its moment a swap is said to displays, ms.
+    pub swap_lead_ms: Option<f64>,
     /// Whether the next frame is selected while boards draw the present one.
     pub select_ahead: Option<SelectAheadArg>,
     /// Most memory of each board that is used for meshes and textures, MiB.

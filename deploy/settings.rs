@@ -27,6 +27,8 @@ pub(crate) const SIZE: (u32, u32) = (1280, 720);
 /// Default points per pixel.
 pub(crate) const SAMPLES: Samples = Samples::Sixteen;
 const RATE_HZ: f64 = 60.0;
+/// Enough for all displays of a busy machine to have the last tiles and to be awake.
+const SWAP_LEAD_MS: f64 = 3.0;
 /// How far resolution may fall: half each way can be looked at, a quarter is for those who ask.
 const LOWEST_RESOLUTION: u32 = 2;
 const PORT_BACKPLANE: u16 = 7400;
@@ -274,6 +276,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         wait_for_boards: args.wait_for_boards,
         wait_for_compositor: args.wait_for_compositor,
         scale_max: scale_max(args, &file)?,
+        swap_lead: swap_lead(args, &file)?,
         select_ahead: args.select_ahead.or(file.select_ahead).unwrap_or_default().into(),
         board_memory: board_memory(args, &file)?,
         trust,
@@ -285,6 +288,14 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<Config, CommandError> {
         otlp: otlp(args, &file)?,
         progress: Arc::default(),
     })
+}
+
+/// How long before its moment a swap is said to displays.
+fn swap_lead(args: &ManagerArgs, file: &RigFile) -> Result<Duration, CommandError> {
+    match args.swap_lead.or(file.swap_lead_ms).unwrap_or(SWAP_LEAD_MS) {
+        ms if (0.0..=15.0).contains(&ms) => Ok(Duration::from_secs_f64(ms / 1e3)),
+        other => Err(CommandError::said(format!("swap_lead_ms is {other}; it can be 0 to 15"))),
+    }
 }
 
 /// How far resolution may fall.

@@ -310,6 +310,8 @@ pub struct Swap {
     pub boards: Vec<BoardKey>,
     /// Whether the compositor shall make a preview picture for the console.
     pub preview: bool,
+    /// When to change to it, ns since 1970, so that all displays do together; 0, or a time that is past or far off: at once.
+    pub at_ns: u64,
 }
 
 /// Backplane → compositor.

@@ -62,7 +62,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::sync::mpsc::SyncSender;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use thiserror::Error;
 use tokio::net::{TcpListener, UdpSocket};
 use tokio_util::sync::CancellationToken;
@@ -87,6 +87,8 @@ pub struct Config {
     pub scale_max: u32,
     /// Whether selection goes ahead of the tick, in real time.
     pub select_ahead: SelectAhead,
+    /// How long before its moment a swap is said, in real time, where there are several displays: what their links and wake-ups may take.
+    pub swap_lead: Duration,
     /// Bytes that each board may use for meshes and textures, however many it has.
     pub board_memory: u64,
     /// How links to boards and compositors are protected.
@@ -224,7 +226,7 @@ pub async fn run(
         }
     };
     // Goodbyes are queued; their writers get a moment to flush them.
-    tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    tokio::time::sleep(Duration::from_millis(100)).await;
     tasks.shutdown().await;
     report.map_err(|_| ManagerError::Engine)
 }

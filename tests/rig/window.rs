@@ -34,7 +34,7 @@ impl Desktop {
         let word = |k: usize| u32::from_be_bytes(dump[4 * k..4 * k + 4].try_into().unwrap()) as usize;
         // header_size, …, bits_per_pixel (11), bytes_per_line (12), …, ncolors (19): X11/XWDFile.h.
         let (header, bits, line, colours) = (word(0), word(11), word(12), word(19));
-        assert_eq!(bits, 32);
+        assert_eq!(bits, 32, "a pixel is a word");
         let start = header + 12 * colours;
         let row = |y: usize| {
             let at = start + (top + y) * line + left * 4;

@@ -264,7 +264,7 @@ mod tests {
 
     fn swap(frame: u64, complete: bool) -> Swap {
         let boards = vec![BoardKey(1), BoardKey(2)];
-        Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: vec![complete], boards, preview: false }
+        Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: vec![complete], boards, preview: false, at_ns: 0 }
     }
 
     /// What is said of what happens.

@@ -4,11 +4,18 @@ use super::{Engine, PREVIEW_INTEREST, PREVIEW_PERIOD};
 use proto::message::Swap;
 use proto::time::Time;
 use std::sync::atomic::Ordering;
+use std::time::{Duration, SystemTime};
 
 impl Engine {
     /// Whether somebody has asked for a picture lately, and got none since.
     pub(super) fn is_picture_wanted(&self, now: Time) -> bool {
         self.picture_wanted.is_some_and(|at| now.since(at) < PREVIEW_INTEREST)
+    }
+
+    /// How long before its moment a swap is said: displays that are several are to change together.
+    fn swap_lead(&self) -> Duration {
+        let are_several = self.compositors.keys().len() > 1;
+        if are_several && !self.is_lock_step() { self.config.swap_lead } else { Duration::ZERO }
     }
 
     pub(super) fn swap(&mut self, mut swap: Swap, opened: Time, late: bool) {
@@ -27,8 +34,13 @@ impl Engine {
         self.statistics.repeated_views += u64::from(repeated);
         self.traces.on_swap(now, swap.frame, repeated);
         self.statistics.frame.add(now.since(opened));
+        let lead = self.swap_lead();
+        if !lead.is_zero() {
+            let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+            swap.at_ns = u64::try_from((since + lead).as_nanos()).unwrap_or(0);
+        }
         if let Some(source) = &self.shown {
-            self.statistics.latency.add(now.since(source.received));
+            self.statistics.latency.add(now.since(source.received) + lead);
         }
         self.tell_swap(&swap);
         if !late {

@@ -141,8 +141,14 @@ fn frame_bytes(boards: u64) -> usize {
     let report = BoardReport::default();
     let ready = encode(&FromBoard::Ready { frame: FrameNumber(0), epoch: Epoch(0), report }, &[]).len();
     let members = (0..boards).map(BoardKey).collect();
-    let swap =
-        Swap { frame: FrameNumber(0), epoch: Epoch(0), complete: vec![true; 4], boards: members, preview: false };
+    let swap = Swap {
+        frame: FrameNumber(0),
+        epoch: Epoch(0),
+        complete: vec![true; 4],
+        boards: members,
+        preview: false,
+        at_ns: 0,
+    };
     let swap = encode(&ToCompositor::Swap(swap), &[]).len();
     boards as usize * (2 * PREFIX + frame + ready) + PREFIX + swap
 }
