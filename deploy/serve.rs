@@ -134,7 +134,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
     let listen = settings::guard_listen(args.listen, &trust)?;
     let threads = args.threads.unwrap_or_else(processors);
     let config = channel::worker::Config {
-        backplanes: settings::backplanes(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.leader.backplane, &trust)?,
         trust,
         listen,
         advertise: args.advertise.clone(),
@@ -189,7 +189,7 @@ pub(crate) fn machine_memory() -> u64 {
 pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
     let trust = settings::trust(&args.trust, NodeRole::Compositor)?;
     let config = compositor::shell::Config {
-        backplanes: settings::backplanes(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.leader.backplane, &trust)?,
         listen: settings::guard_listen(args.listen, &trust)?,
         trust,
         out: args.out.clone().map(|folder| (folder, args.format)),
