@@ -136,7 +136,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
     let listen = settings::guard_listen(args.listen, &trust)?;
     let threads = args.threads.unwrap_or_else(processors);
     let config = channel::worker::Config {
-        backplanes: settings::backplanes(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.leader.backplane, &trust)?,
         trust,
         listen,
         advertise: args.advertise.clone(),
@@ -182,7 +182,7 @@ fn display(args: &ChannelArgs, view: ViewId) -> Result<compositor::shell::Config
     trust.keys.clone_from(&args.display_keys);
     let trust = settings::trust(&trust, NodeRole::Compositor)?;
     Ok(compositor::shell::Config {
-        backplanes: settings::backplanes(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.leader.backplane, &trust)?,
         listen: settings::guard_listen(SocketAddr::new(args.listen.ip(), 0), &trust)?,
         trust,
         views: vec![view],
@@ -233,7 +233,7 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
     views.dedup();
     let config = compositor::shell::Config {
         views,
-        backplanes: settings::backplanes(&args.backplane, &trust)?,
+        backplanes: settings::backplanes(&args.leader.backplane, &trust)?,
         listen: settings::guard_listen(args.listen, &trust)?,
         trust,
         window: args.window,

@@ -1,6 +1,7 @@
 //! Flags of `cyclorama bench`.
 
-use super::{AirArgs, boards, positive, samples, simd, size, views};
+use super::AirArgs;
+use super::value::{boards, positive, samples, simd, size, views};
 use clap::{Args, Subcommand};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;

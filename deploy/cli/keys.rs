@@ -27,7 +27,7 @@ pub(crate) struct KeysArgs {
     #[arg(required = true)]
     pub folder: Option<PathBuf>,
     /// How many boards, called board-1, board-2 …; 3 if none are named
-    #[arg(long, value_name = "N", value_parser = super::boards, conflicts_with = "board")]
+    #[arg(long, value_name = "N", value_parser = super::value::boards, conflicts_with = "board")]
     pub boards: Option<NonZeroUsize>,
     /// Names of the boards. Boards that share one machine can share one name
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = board_name)]

@@ -156,6 +156,7 @@ fn a_board_is_taken_out_without_a_late_frame_and_put_back() {
     page.wait("no answer", "!document.getElementById('confirm').open");
     assert_eq!(word(&mut page, "2"), "DRAWING", "nothing was done");
     page.click("#out");
+    page.wait("the question again", "document.getElementById('confirm').open");
     page.click("#confirm button[value=yes]");
     wait_for("it is out", || (word(&mut page, "2") == "TAKEN OUT").then_some(()));
     let stats = rig.wait("two boards", |stats| stats["boards"] == 2);
