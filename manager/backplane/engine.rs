@@ -35,7 +35,7 @@ use proto::codec::encode;
 use proto::frame::PixelFormat;
 use proto::ids::{BoardKey, FrameNumber, Term, ViewId};
 use proto::limits;
-use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, ToBoard};
+use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, TileSink, ToBoard};
 use proto::pose::{Answer, PosePacket};
 use proto::time::Time;
 pub(crate) use standby::OPENED;
@@ -409,7 +409,7 @@ impl Engine {
                 }
             }
             Role::Compositor { listen, format, records, views } => {
-                self.on_compositor_hello(key, (listen, format, records, views), from, outbox);
+                self.on_compositor_hello(TileSink { key, address: listen, views, format }, records, from, outbox);
             }
             Role::Backplane => self.on_peer(key, &format!("{} ({from})", hello.name), outbox),
         }

@@ -15,13 +15,10 @@ use std::time::Duration;
 /// A compositor.
 #[derive(Debug)]
 pub(super) struct Compositor {
-    listen: String,
-    /// What it wants pixels as.
-    format: PixelFormat,
+    /// As boards know it.
+    sink: TileSink,
     /// Whether it wants to know what each frame depends on.
     records: bool,
-    /// What it shows; none: all views.
-    views: Vec<ViewId>,
     outbox: Outbox,
     /// Revision of the layout that it knows.
     layout: u64,
@@ -33,11 +30,7 @@ pub(super) struct Compositor {
 impl Compositor {
     /// Whether it shows the whole picture.
     fn is_whole(&self) -> bool {
-        self.views.is_empty()
-    }
-
-    fn shows(&self, view: usize) -> bool {
-        self.is_whole() || self.views.iter().any(|shown| shown.0 as usize == view)
+        self.sink.views.is_empty()
     }
 }
 
@@ -56,24 +49,18 @@ impl Compositors {
 
     /// Whether each of so many views is shown by somebody.
     pub(super) fn show_all(&self, views: usize) -> bool {
-        (0..views).all(|view| self.0.values().any(|compositor| compositor.shows(view)))
+        (0..views as u32).all(|view| self.0.values().any(|compositor| compositor.sink.wants(ViewId(view))))
     }
 
     /// What boards must draw, so that each compositor gets what it wants: pictures that have linear pixels have the others too.
     pub(super) fn format(&self) -> PixelFormat {
-        let is_linear = self.0.values().any(|compositor| compositor.format == PixelFormat::LinearF32);
+        let is_linear = self.0.values().any(|compositor| compositor.sink.format == PixelFormat::LinearF32);
         if is_linear { PixelFormat::LinearF32 } else { PixelFormat::Srgb8 }
     }
 
     /// As boards know them.
     pub(super) fn sinks(&self) -> Vec<TileSink> {
-        let sink = |(key, compositor): (&BoardKey, &Compositor)| TileSink {
-            key: *key,
-            address: compositor.listen.clone(),
-            views: compositor.views.clone(),
-            format: compositor.format,
-        };
-        self.0.iter().map(sink).collect()
+        self.0.values().map(|compositor| compositor.sink.clone()).collect()
     }
 
     /// Says something to all.
@@ -115,17 +102,12 @@ fn has(drawn: PixelFormat, wanted: PixelFormat) -> bool {
 
 impl Engine {
     /// Takes a compositor, or says why not.
-    pub(super) fn on_compositor_hello(
-        &mut self,
-        key: BoardKey,
-        (listen, format, records, views): (String, PixelFormat, bool, Vec<ViewId>),
-        from: SocketAddr,
-        outbox: Outbox,
-    ) {
+    pub(super) fn on_compositor_hello(&mut self, sink: TileSink, records: bool, from: SocketAddr, outbox: Outbox) {
+        let (key, views) = (sink.key, &sink.views[..]);
         let count = self.director.views().len();
         let refused = if views.is_empty() {
             let other = self.compositors.0.values().find(|other| other.is_whole());
-            other.map(|other| format!("this rig has a compositor already, at {}", other.listen))
+            other.map(|other| format!("this rig has a compositor already, at {}", other.sink.address))
         } else if let Some(view) = views.iter().find(|view| view.0 as usize >= count) {
             Some(format!("this rig has {count} views, numbered from 0; there is no view {}", view.0))
         } else {
@@ -140,7 +122,7 @@ impl Engine {
             return;
         }
         outbox.send(encode(&ToCompositor::Welcome, &[]));
-        let what = match &views[..] {
+        let what = match views {
             [] => "compositor".to_owned(),
             [view] => format!("display of view {}", view.0),
             views => format!(
@@ -148,14 +130,13 @@ impl Engine {
                 views.iter().map(|view| view.0.to_string()).collect::<Vec<_>>().join(", ")
             ),
         };
-        let (told, presented) = (None, None);
-        let compositor = Compositor { listen, format, records, views, outbox, layout: 0, told, presented };
+        let compositor = Compositor { sink, records, outbox, layout: 0, told: None, presented: None };
         self.compositors.0.insert(key, compositor);
         self.tell_compositors_boards();
         self.update_compositor_views();
         // Boards keep the last frame's tiles, of the pixels that were wanted then.
         if let (Some(swap), Some(compositor)) = (&self.last_swap, self.compositors.0.get_mut(&key))
-            && has(self.format, compositor.format)
+            && has(self.format, compositor.sink.format)
         {
             compositor.told = Some(swap.frame);
             compositor.outbox.send(encode(
@@ -203,7 +184,7 @@ impl Engine {
         let (drawn, wanting) = (self.format, &mut self.compositors.0);
         let unseen = encode(&ToCompositor::Swap(Swap { preview: false, ..swap.clone() }), &[]);
         let mut told = Vec::with_capacity(wanting.len());
-        for (key, compositor) in wanting.iter_mut().filter(|(_, compositor)| has(drawn, compositor.format)) {
+        for (key, compositor) in wanting.iter_mut().filter(|(_, compositor)| has(drawn, compositor.sink.format)) {
             compositor.told = Some(swap.frame);
             told.push(*key);
             let is_seen = swap.preview && compositor.is_whole();
