@@ -22,7 +22,7 @@ deploy=$(cd "$(dirname "$0")" && pwd)
 if [ -z "$binary" ]; then
     # Without windows: a static program can't load the X libraries. Nearly all else is as `cargo build --release` has built it, and used.
     cd "$deploy/.."
-    cargo rustc --release --locked -p cyclorama --no-default-features --features console,import --bin cyclorama -- -C target-feature=+crt-static
+    cargo rustc --release --locked -p cyclorama --no-default-features --features console,import,otlp --bin cyclorama -- -C target-feature=+crt-static
     binary=${CARGO_TARGET_DIR:-target}/release/cyclorama
 fi
 

@@ -317,7 +317,7 @@ fn otlp(args: &ManagerArgs, file: &RigFile) -> Result<Option<String>, CommandErr
     let url = args.otlp.clone().or(file.otlp.clone());
     if url.is_some() && !cfg!(feature = "otlp") {
         return Err(CommandError::said(
-            "this build sends no traces; build it with `--features otlp`, or leave --otlp away",
+            "this build sends no traces; build it with the feature `otlp`, or leave --otlp away",
         ));
     }
     Ok(url)

@@ -58,7 +58,7 @@ pub(crate) struct RigArgs {
     /// can read a command line
     #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub console_token: Option<String>,
-    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`); needs a build with `--features otlp`
+    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`)
     #[arg(long, env = "CYCLORAMA_OTLP", value_name = "URL")]
     pub otlp: Option<String>,
     /// Print the statistics as one JSON object at the end
