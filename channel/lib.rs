@@ -27,6 +27,7 @@ pub mod lights;
 pub mod pipeline;
 mod prefetch;
 pub mod raster;
+pub mod reference_tile;
 pub mod resolve;
 mod room;
 pub mod samples;

@@ -1,6 +1,6 @@
 //! One frame: what every board must know to draw it, and the pieces of picture that come back.
 
-use crate::ids::{Epoch, FrameNumber, ModelId, ObjectId};
+use crate::ids::{ContentId, Epoch, FrameNumber, ModelId, ObjectId};
 use crate::view::Pose;
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DVec3};
@@ -154,6 +154,10 @@ impl TileIndex {
 pub fn tile_grid(width: u32, height: u32) -> (u32, u32) {
     (width.div_ceil(TILE), height.div_ceil(TILE))
 }
+
+/// What a board that draws rightly makes of the reference tile (`channel/reference_tile.rs`). It changes whenever pixels are meant to.
+pub const REFERENCE_TILE: ContentId =
+    ContentId([0x44, 0xc0, 0x21, 0xf1, 0x26, 0x92, 0x78, 0xe9, 0xe9, 0xa9, 0x9c, 0x0c, 0x28, 0x21, 0xe6, 0xd9]);
 
 /// What a finished pixel is on its way from a board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

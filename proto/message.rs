@@ -31,6 +31,8 @@ pub enum Role {
         link: String,
         /// Bytes that it has for meshes and textures, counted as in [`crate::piece`].
         memory: u64,
+        /// What it made of the reference tile, just now ([`crate::frame::REFERENCE_TILE`]).
+        drawn: ContentId,
     },
     /// A compositor.
     Compositor {

@@ -4,6 +4,7 @@
 //! No link is waited for: one that doesn't take what is said is hung, and cut, so that a backplane that is stopped doesn't hold the other one up.
 
 use super::Config;
+use crate::reference_tile;
 use ::link::{Expected, NodeRole, Stream};
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
@@ -114,7 +115,10 @@ async fn open(config: &Config, index: usize, listening: SocketAddr) -> Result<Li
     let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
     let link = config.advertise.clone().unwrap_or_else(|| SocketAddr::new(ip, listening.port()).to_string());
     let mut backplane = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
-    let role = Role::Board { threads: config.threads.get() as u32, link, memory: config.memory };
+    let (threads, memory, simd) = (config.threads.get() as u32, config.memory, config.simd);
+    // Each time: a board that has run for a year is no better than its memory is today.
+    let drawn = tokio::task::spawn_blocking(move || reference_tile::draw(simd)).await.map_err(io::Error::other)?;
+    let role = Role::Board { threads, link, memory, drawn: drawn.map_err(io::Error::other)? };
     link::send(&mut backplane, &Hello { name: config.name.clone(), role }, &[]).await?;
     Ok(backplane)
 }

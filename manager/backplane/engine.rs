@@ -32,7 +32,7 @@ use control::Control;
 use link::Identity;
 use proto::chain::{BackplaneChain, BackplaneOutput, BetweenBackplanes, ClockMode, ClockOutput, FrameClock};
 use proto::codec::encode;
-use proto::frame::PixelFormat;
+use proto::frame::{PixelFormat, REFERENCE_TILE};
 use proto::ids::{BoardKey, FrameNumber, Term, ViewId};
 use proto::limits;
 use proto::message::{FromBoard, FromCompositor, Hello, Role, Swap, TileSink, ToBoard};
@@ -391,7 +391,15 @@ impl Engine {
                 outbox.close();
                 self.log("refused", format!("a board too many, from {from}"));
             }
-            Role::Board { threads, link, memory } => {
+            Role::Board { drawn, .. } if drawn != REFERENCE_TILE => {
+                let reason = format!(
+                    "it draws the reference tile as {drawn}, not as {REFERENCE_TILE}: its machine is faulty, or it is of another version"
+                );
+                self.log("refused", format!("board {} ({from}): {reason}", hello.name));
+                outbox.send(encode(&ToBoard::Refused { reason }, &[]));
+                outbox.close();
+            }
+            Role::Board { threads, link, memory, .. } => {
                 let sinks = self.compositors.sinks();
                 let certified = identity.map(|identity| identity.name);
                 let is_taken = outbox.send(encode(&ToBoard::Welcome { key }, &[]))

@@ -5,6 +5,7 @@ use crate::program::{Daemon, HANG, daemon, free_address, stats, wait_for};
 use bench::disturbed::Undisturbed;
 use bench::relay::Relay;
 use proto::chain::{FromBoardChain, ToBoardChain};
+use proto::frame::REFERENCE_TILE;
 use proto::ids::Term;
 use proto::limits;
 use proto::link::{self, Link};
@@ -169,7 +170,7 @@ impl Hung {
         let address = listener.local_addr().unwrap().to_string();
         let stream = TcpStream::connect(backplane).await.unwrap();
         let mut opened = link::open(stream, limits::BULK_MESSAGE_MAX).await.unwrap();
-        let role = Role::Board { threads: 1, link: address, memory: 1 << 28 };
+        let role = Role::Board { threads: 1, link: address, memory: 1 << 28, drawn: REFERENCE_TILE };
         link::send(&mut opened, &Hello { name: "hung".into(), role }, &[]).await.unwrap();
         let mut hung = Self { backplane: opened, right: None, listener };
         hung.say(&FromBoard::Holding { scene: None, term: Term(0), more: false }).await;

@@ -3,6 +3,7 @@
 use crate::program::Rig;
 use proto::chain::Answer;
 use proto::codec::{self, encode_ids};
+use proto::frame::REFERENCE_TILE;
 use proto::ids::{ContentId, Term};
 use proto::limits;
 use proto::message::{FromBoard, Hello, Role};
@@ -105,8 +106,25 @@ fn a_second_compositor_is_refused_and_told_why() {
 
 /// What a board says first.
 fn hello(memory: u64) -> Vec<u8> {
-    let role = Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory };
+    let role = Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory, drawn: REFERENCE_TILE };
     framed(&codec::encode(&Hello { name: "impostor".into(), role }, &[]))
+}
+
+#[test]
+fn a_board_that_draws_the_reference_tile_wrong_is_refused_by_name() {
+    let (rig, backplane, _) = flying();
+    let mut stream = TcpStream::connect(backplane).unwrap();
+    stream.write_all(&codec::preamble(codec::VERSIONS)).unwrap();
+    let mut drawn = REFERENCE_TILE;
+    drawn.0[7] ^= 1;
+    let role = Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory: 1 << 30, drawn };
+    stream.write_all(&framed(&codec::encode(&Hello { name: "left-wall".into(), role }, &[]))).unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    assert!(String::from_utf8_lossy(&answer).contains("it draws the reference tile as"), "it is told why");
+    let stats = rig.wait("its refusal", |stats| stats["events"].to_string().contains("board left-wall"));
+    assert_eq!(stats["boards"], 2, "nobody has joined: {stats}");
+    goes_on(&rig);
 }
 
 fn framed(message: &[u8]) -> Vec<u8> {

@@ -4,7 +4,7 @@ use crate::keys::{Authority, Daemon, manager};
 use crate::program::{HANG, stats, wait_for};
 use ::link::{Arrival, Expected, Listener, NodeRole, Stream, Trust};
 use proto::chain::{FromBoardChain, Left, Side, ToBoardChain};
-use proto::frame::PixelFormat;
+use proto::frame::{PixelFormat, REFERENCE_TILE};
 use proto::ids::{BoardKey, Epoch};
 use proto::limits;
 use proto::link::{self, Link};
@@ -164,7 +164,7 @@ async fn a_board_does_not_pass_for_a_compositor_nor_for_a_manager_nor_the_revers
     let [board, compositor] =
         [(NodeRole::Board, "pc1"), (NodeRole::Compositor, "wall")].map(|(role, name)| trust(&authority, role, name));
     let says = |role: Role| Hello { name: "impostor".into(), role };
-    let as_board = says(Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory: 1 << 30 });
+    let as_board = says(Role::Board { threads: 1, link: "127.0.0.1:1".into(), memory: 1 << 30, drawn: REFERENCE_TILE });
     let (listen, format) = ("127.0.0.1:1".into(), PixelFormat::Srgb8);
     let as_compositor = says(Role::Compositor { listen, format, records: false, views: Vec::new() });
     closes(&mut knock(&board, &address, NodeRole::Manager, &as_compositor).await).await;

@@ -9,6 +9,7 @@ use proto::chain::{
     BACKPLANE_BEAT, BoardChain, BoardOutput, BoardTerm, FromBoardChain, LinkId, Seen, ToBoardChain, Watch,
 };
 use proto::codec::decode;
+use proto::frame::REFERENCE_TILE;
 use proto::ids::{BoardKey, ContentId, Epoch, FrameNumber, Term};
 use proto::message::{BoardReport, FromBoard, Hello, NeighbourMessage, Role, TileMessage, ToBoard};
 use proto::share::shares;
@@ -102,7 +103,7 @@ impl Board {
         match purpose {
             Purpose::Session => {
                 let Node::Manager(rank) = context.net.peer(self.node, wire) else { return };
-                let role = Role::Board { threads: 1, link: self.index.to_string(), memory: 0 };
+                let role = Role::Board { threads: 1, link: self.index.to_string(), memory: 0, drawn: REFERENCE_TILE };
                 context.net.send(self.node, wire, Packet::of(&Hello { name: String::new(), role }));
                 let now = context.local(self.node);
                 let mut watch = Watch::new(BACKPLANE_BEAT * 4);
