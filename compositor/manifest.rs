@@ -100,7 +100,7 @@ mod tests {
         let shown = Shown {
             frame: FrameNumber(7),
             preview: false,
-            at_ns: 0,
+            moment: None,
             complete: vec![true, false],
             tiles: 0,
             skipped: 0,

@@ -260,13 +260,13 @@ impl Shell {
         let picture = is_wanted.then(|| Arc::new(self.picture(shown.frame)));
         // First: what is seen is what waits for the swap.
         let at_ns = match (&self.window, &picture) {
-            (Some(window), Some(picture)) => match window.show(Arc::clone(picture), shown.at_ns).await {
+            (Some(window), Some(picture)) => match window.show(Arc::clone(picture), shown.moment).await {
                 Ok(at_ns) => at_ns,
                 Err(Some(why)) => return Err(End::Failed(CompositorError::Window(why))),
                 Err(None) => return Err(End::Goodbye),
             },
             _ => {
-                together::until(shown.at_ns).await;
+                together::until(shown.moment).await;
                 wall_clock_ns()
             }
         };

@@ -17,7 +17,7 @@ use bytes::Bytes;
 use proto::codec::CodecError;
 use proto::frame::{PixelFormat, TileIndex, tile_grid};
 use proto::ids::{BoardKey, Epoch, FrameNumber, ViewId};
-use proto::message::{Swap, split_tiles};
+use proto::message::{Moment, Swap, split_tiles};
 use proto::view::{View, ViewSetup};
 use std::collections::{BTreeMap, VecDeque};
 
@@ -78,8 +78,8 @@ pub struct Shown {
     pub frame: FrameNumber,
     /// Whether the console wants it.
     pub preview: bool,
-    /// When it is to be shown, ns since 1970; 0: at once.
-    pub at_ns: u64,
+    /// When it is to be shown; `None`: at once.
+    pub moment: Option<Moment>,
     /// By view: whether it is new; else it repeats.
     pub complete: Vec<bool>,
     /// Number of tiles that changed.
@@ -276,8 +276,8 @@ impl Stitcher {
             tiles += run.tiles.len();
             self.lay(run);
         }
-        let Swap { frame, complete, preview, at_ns, .. } = swap;
-        Some(Shown { frame, preview, at_ns, complete, tiles, skipped: newest })
+        let Swap { frame, complete, preview, moment, .. } = swap;
+        Some(Shown { frame, preview, moment, complete, tiles, skipped: newest })
     }
 
     fn is_satisfied(&self, swap: &Swap) -> bool {
@@ -365,7 +365,7 @@ mod tests {
             complete: complete.to_vec(),
             boards,
             preview: false,
-            at_ns: 0,
+            moment: None,
         }
     }
 

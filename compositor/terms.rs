@@ -76,7 +76,14 @@ mod tests {
 
     fn swap(term: u64, frame: u64) -> Swap {
         let epoch = Epoch(Epoch::first_of(Term(term)).0 + 1);
-        Swap { frame: FrameNumber(frame), epoch, complete: vec![true], boards: Vec::new(), preview: false, at_ns: 0 }
+        Swap {
+            frame: FrameNumber(frame),
+            epoch,
+            complete: vec![true],
+            boards: Vec::new(),
+            preview: false,
+            moment: None,
+        }
     }
 
     #[test]

@@ -1,13 +1,11 @@
 //! Changing the picture together with the other displays: at the moment that the swap names, by the machines' clocks.
 //!
 //! The moment is a few milliseconds after the swap was said, so that the last tiles and the word itself have come to all displays by then, and nothing
-//! but a wake-up decides how far apart they are. A clock that disagrees costs nothing but that: a moment that is past, or too far off to be meant, is
-//! now.
+//! but a wake-up decides how far apart they are. A display whose clock is behind changes later than the others, but never waits longer than that lead.
 
+use proto::message::Moment;
 use std::time::{Duration, SystemTime};
 
-/// A moment further off than this is not waited for.
-const WAIT_MAX: Duration = Duration::from_millis(20);
 /// The runtime's timers count in milliseconds; the rest is slept for by the thread.
 const COARSE: Duration = Duration::from_millis(2);
 
@@ -17,23 +15,23 @@ pub(crate) fn wall_clock_ns() -> u64 {
     u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// How long until that moment, if it is to be waited for.
-fn wait(at_ns: u64, now_ns: u64) -> Duration {
-    let wait = Duration::from_nanos(at_ns.saturating_sub(now_ns));
-    if wait > WAIT_MAX { Duration::ZERO } else { wait }
+/// How long until that moment.
+fn wait(moment: Option<Moment>, now_ns: u64) -> Duration {
+    let wait = moment.map(|moment| moment.at_ns.saturating_sub(now_ns).min(moment.lead_ns.into()));
+    Duration::from_nanos(wait.unwrap_or(0))
 }
 
 /// Sleeps until that moment; on a thread that has nothing else to do.
-pub(crate) fn sleep_until(at_ns: u64) {
-    std::thread::sleep(wait(at_ns, wall_clock_ns()));
+pub(crate) fn sleep_until(moment: Option<Moment>) {
+    std::thread::sleep(wait(moment, wall_clock_ns()));
 }
 
 /// Likewise, and lets other tasks run most of that time.
-pub(crate) async fn until(at_ns: u64) {
-    if let Some(coarse) = wait(at_ns, wall_clock_ns()).checked_sub(COARSE) {
+pub(crate) async fn until(moment: Option<Moment>) {
+    if let Some(coarse) = wait(moment, wall_clock_ns()).checked_sub(COARSE) {
         tokio::time::sleep(coarse).await;
     }
-    sleep_until(at_ns);
+    sleep_until(moment);
 }
 
 #[cfg(test)]
@@ -41,20 +39,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_moment_is_waited_for_if_it_is_near_and_to_come() {
+    fn a_moment_is_waited_for_but_never_longer_than_the_lead() {
         let now = 1_000_000_000;
-        assert_eq!(wait(now + 3_000_000, now), Duration::from_millis(3));
-        assert_eq!(wait(now - 1, now), Duration::ZERO, "it is past");
-        assert_eq!(wait(0, now), Duration::ZERO, "none is named");
-        assert_eq!(wait(now + 3_600_000_000_000, now), Duration::ZERO, "the clocks are an hour apart");
+        let wait = |at_ns| wait(Some(Moment { at_ns, lead_ns: 3_000_000 }), now);
+        assert_eq!(wait(now + 2_000_000), Duration::from_millis(2));
+        assert_eq!(wait(now - 1), Duration::ZERO, "it is past");
+        assert_eq!(wait(now + 3_600_000_000_000), Duration::from_millis(3), "the clocks are an hour apart");
+        assert_eq!(super::wait(None, now), Duration::ZERO, "none is named");
     }
 
     #[tokio::test]
     async fn nobody_is_early() {
         for ms in [0, 1, 3, 5] {
-            let at = wall_clock_ns() + ms * 1_000_000;
-            until(at).await;
-            assert!(wall_clock_ns() >= at, "{ms} ms");
+            let at_ns = wall_clock_ns() + ms * 1_000_000;
+            until(Some(Moment { at_ns, lead_ns: 10_000_000 })).await;
+            assert!(wall_clock_ns() >= at_ns, "{ms} ms");
         }
     }
 }

@@ -7,6 +7,7 @@
 mod x11;
 
 use crate::sinks::Picture;
+use proto::message::Moment;
 use std::io;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -25,8 +26,7 @@ pub struct Place {
 #[derive(Debug)]
 struct Order {
     picture: Arc<Picture>,
-    /// When, ns since 1970.
-    at_ns: u64,
+    moment: Option<Moment>,
     /// Who waits for it: he is told since when it is shown, ns since 1970, or why it can't be.
     answer: oneshot::Sender<Result<u64, String>>,
 }
@@ -58,14 +58,14 @@ impl Window {
         Ok(Self(orders))
     }
 
-    /// Shows a picture of 8-bit pixels at a moment; returns since when, both ns since 1970.
+    /// Shows a picture of 8-bit pixels at a moment; returns since when, ns since 1970.
     ///
     /// # Errors
     /// Why it can't be shown, for people; `None`: the window is closed.
-    pub(crate) async fn show(&self, picture: Arc<Picture>, at_ns: u64) -> Result<u64, Option<String>> {
+    pub(crate) async fn show(&self, picture: Arc<Picture>, moment: Option<Moment>) -> Result<u64, Option<String>> {
         let (answer, shown) = oneshot::channel();
         // There is room: the one before has been answered.
-        self.0.try_send(Order { picture, at_ns, answer }).map_err(|_| None)?;
+        self.0.try_send(Order { picture, moment, answer }).map_err(|_| None)?;
         shown.await.map_err(|_| None)?.map_err(Some)
     }
 }

@@ -95,7 +95,7 @@ fn draw(
         }
         stitcher.on_done(key, frame, epoch);
     }
-    stitcher.on_swap(Swap { frame, epoch, complete: vec![true], boards: keys, preview: false, at_ns: 0 });
+    stitcher.on_swap(Swap { frame, epoch, complete: vec![true], boards: keys, preview: false, moment: None });
     if stitcher.poll().is_none() {
         return Err(CommandError::said("the shares don't make a whole picture; please report this"));
     }

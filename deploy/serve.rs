@@ -155,20 +155,19 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         };
         // Whichever ends first, the other one does too; a board that leaves draws until others do, and its display shows that.
         let ends = CancellationToken::new();
-        let board = async {
-            let ended = channel::worker::run(config, shutdown.clone(), listening).await;
-            ends.cancel();
-            ended
-        };
-        let showing = async {
+        let (board_ends, board) = (ends.clone(), shutdown.clone());
+        // Laying tiles must not hold up the board's words.
+        let showing = tokio::task::spawn_blocking(move || {
             let told = |address| tracing::info!(%address, "listening for tiles of the display");
-            let ended = compositor::shell::run(display, ends.clone(), told).await;
-            shutdown.cancel();
-            ended
-        };
-        let (drawn, shown) = tokio::join!(board, showing);
+            let shown = runtime(1).map(|runtime| runtime.block_on(compositor::shell::run(display, ends, told)));
+            board.cancel();
+            shown
+        });
+        let drawn = channel::worker::run(config, shutdown, listening).await;
+        board_ends.cancel();
+        let shown = showing.await.map_err(|error| CommandError::said(error.to_string()))?;
         drawn?;
-        shown?;
+        shown??;
         Ok(())
     })
 }
@@ -226,7 +225,9 @@ pub(crate) fn machine_memory() -> u64 {
 pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
     let trust = settings::trust(&args.trust, NodeRole::Compositor)?;
     if args.window.is_some() && args.format.format() != PixelFormat::Srgb8 {
-        return Err(CommandError::said("a window shows 8-bit pixels; --window and --format exr need two compositors"));
+        return Err(CommandError::said(
+            "a window shows 8-bit pixels; give --format exr to another compositor, with --views if there is one for all",
+        ));
     }
     let mut views: Vec<_> = args.views.iter().copied().map(ViewId).collect();
     views.sort_unstable();

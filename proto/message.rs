@@ -299,6 +299,15 @@ impl FramePayload {
     }
 }
 
+/// When several displays change their pictures, by the clocks of their machines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Moment {
+    /// Since 1970, ns.
+    pub at_ns: u64,
+    /// How long before it that was said, ns. A display that would have to wait longer has another clock.
+    pub lead_ns: u32,
+}
+
 /// A frame is over.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Swap {
@@ -312,8 +321,8 @@ pub struct Swap {
     pub boards: Vec<BoardKey>,
     /// Whether the compositor shall make a preview picture for the console.
     pub preview: bool,
-    /// When to change to it, ns since 1970, so that all displays do together; 0, or a time that is past or far off: at once.
-    pub at_ns: u64,
+    /// When to change to it, so that all displays do together; `None`: at once.
+    pub moment: Option<Moment>,
 }
 
 /// Backplane → compositor.

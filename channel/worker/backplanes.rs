@@ -110,15 +110,16 @@ fn timed_out() -> LinkError {
 
 /// Connects and says hello.
 async fn open(config: &Config, index: usize, listening: SocketAddr) -> Result<Link<Stream>, LinkError> {
+    // Each time: a board that has run for a year is no better than its memory is today. And first, for who listens waits for nobody.
+    let simd = config.simd;
+    let drawn = tokio::task::spawn_blocking(move || reference_tile::draw(simd)).await.map_err(io::Error::other)?;
+    let drawn = drawn.map_err(|error| io::Error::other(format!("the reference tile can't be drawn: {error}")))?;
     let stream = config.trust.connect(&config.backplanes[index], &Expected::any(NodeRole::Manager)).await?;
     // Listening on any address, we are reached at the one that reaches the backplane.
     let ip = if listening.ip().is_unspecified() { stream.local_addr()?.ip() } else { listening.ip() };
     let link = config.advertise.clone().unwrap_or_else(|| SocketAddr::new(ip, listening.port()).to_string());
     let mut backplane = link::open(stream, limits::BULK_MESSAGE_MAX).await?;
-    let (threads, memory, simd) = (config.threads.get() as u32, config.memory, config.simd);
-    // Each time: a board that has run for a year is no better than its memory is today.
-    let drawn = tokio::task::spawn_blocking(move || reference_tile::draw(simd)).await.map_err(io::Error::other)?;
-    let role = Role::Board { threads, link, memory, drawn: drawn.map_err(io::Error::other)? };
+    let role = Role::Board { threads: config.threads.get() as u32, link, memory: config.memory, drawn };
     link::send(&mut backplane, &Hello { name: config.name.clone(), role }, &[]).await?;
     Ok(backplane)
 }

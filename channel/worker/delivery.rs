@@ -88,6 +88,11 @@ impl Outlet {
             self.is_behind = true;
             return 0;
         }
+        if self.queue.capacity() == 0 {
+            // Nothing is copied for who doesn't take it.
+            self.is_behind = true;
+            return 0;
+        }
         let mut messages = Vec::new();
         for (view, picture) in pictures.iter().filter(|(view, _)| self.sink.wants(**view)) {
             let Some(size) = views.get(view.0 as usize).map(|setup| (setup.view.width, setup.view.height)) else {

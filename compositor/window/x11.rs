@@ -15,7 +15,7 @@ pub(super) fn run(title: &str, place: Place, inbox: &Receiver<Order>) {
     let mut pixels = Vec::new();
     loop {
         match inbox.recv_timeout(LOOK_PERIOD) {
-            Ok(Order { picture, at_ns, answer }) => {
+            Ok(Order { picture, moment, answer }) => {
                 let size = (picture.width, picture.height);
                 if window.as_ref().is_none_or(|(_, of)| *of != size) {
                     // The old one first: they would lie one above the other.
@@ -33,7 +33,7 @@ pub(super) fn run(title: &str, place: Place, inbox: &Receiver<Order>) {
                 pixels.clear();
                 pixels
                     .extend(picture.pixels.chunks_exact(3).map(|rgb| u32::from_be_bytes([0, rgb[0], rgb[1], rgb[2]])));
-                sleep_until(at_ns);
+                sleep_until(moment);
                 let shown = window.update_with_buffer(&pixels, size.0 as usize, size.1 as usize);
                 let _ = answer.send(shown.map(|()| wall_clock_ns()).map_err(|error| error.to_string()));
             }

@@ -55,7 +55,7 @@ pub(crate) struct ManagerArgs {
     /// Hold the first frame until N boards are there
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub wait_for_boards: usize,
-    /// Hold the first frame until the compositor is there
+    /// Hold the first frame until every view is shown by some compositor; in lock-step every frame
     #[arg(long)]
     pub wait_for_compositor: bool,
     /// Stand by for the manager whose backplane is there, and lead when it dies or falls silent; without an address, for that of the rig file. It

@@ -40,7 +40,7 @@ use proto::pose::{Answer, PosePacket};
 use proto::time::Time;
 pub(crate) use standby::OPENED;
 use standby::{Held, Leadership};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -204,6 +204,8 @@ pub(crate) struct Engine {
     boards: BTreeMap<BoardKey, Board>,
     compositors: Compositors,
     statistics: Statistics,
+    /// Lock-step: poses whose frames are still to come.
+    poses_waiting: VecDeque<(PosePacket, Source)>,
     /// The newest pose, not yet in a frame.
     fresh: Option<Source>,
     /// The pose of the frame in flight, or of the last one.
@@ -270,6 +272,7 @@ impl Engine {
             boards: BTreeMap::new(),
             compositors: Compositors::default(),
             statistics: Statistics::default(),
+            poses_waiting: VecDeque::new(),
             fresh: None,
             shown: None,
             answered: None,
@@ -303,6 +306,7 @@ impl Engine {
             self.drain();
             self.attend();
             self.admit();
+            self.take_waiting_pose();
             self.open_if_due();
             self.select_ahead_if_due();
             self.drain();
@@ -417,7 +421,13 @@ impl Engine {
                 }
             }
             Role::Compositor { listen, format, records, views } => {
-                self.on_compositor_hello(TileSink { key, address: listen, views, format }, records, from, outbox);
+                self.on_compositor_hello(
+                    TileSink { key, address: listen, views, format },
+                    records,
+                    identity.map(|identity| identity.name),
+                    from,
+                    outbox,
+                );
             }
             Role::Backplane => self.on_peer(key, &format!("{} ({from})", hello.name), outbox),
         }

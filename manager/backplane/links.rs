@@ -177,6 +177,13 @@ async fn greet(stream: Stream) -> Result<(Link<Stream>, Hello, Option<Identity>)
         // Addresses go out again in messages of bounded length.
         codec::within("bytes of an address", address.len() as u64, limits::NAME_MAX)?;
     }
+    if let Role::Compositor { views, .. } = &hello.role {
+        codec::within("views of a display", views.len() as u64, limits::VIEWS_MAX)?;
+        if !views.is_sorted_by(|a, b| a < b) {
+            let what = "the views of a display are not in ascending order";
+            return Err(LinkError::Io(std::io::Error::new(std::io::ErrorKind::InvalidData, what)));
+        }
+    }
     let role = match hello.role {
         Role::Board { .. } => NodeRole::Board,
         Role::Compositor { .. } => NodeRole::Compositor,

@@ -317,7 +317,7 @@ impl FrameClock {
             self.presenting = Some((open.frame, boards.clone()));
         }
         self.outputs.push_back(ClockOutput::Swap {
-            swap: Swap { frame: open.frame, epoch: open.wiring.epoch, complete, boards, preview: false, at_ns: 0 },
+            swap: Swap { frame: open.frame, epoch: open.wiring.epoch, complete, boards, preview: false, moment: None },
             opened: open.opened,
             late,
             missing: open.waiting.into_iter().collect(),

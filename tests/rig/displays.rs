@@ -1,6 +1,8 @@
 //! Displays: compositors that show some of the views, beside the one that shows all or without it.
 
 use crate::program::{Rig, cyclorama, daemon, fly, kill, manager, stats, wait_for};
+use proto::pose::PosePacket;
+use proto::view::Pose;
 use serde_json::Value;
 use std::path::Path;
 
@@ -20,7 +22,7 @@ const FRAMES: usize = 12;
 /// A rig of three views in lock-step whose parts are started one by one.
 fn rig(folder: &Path, compositors: &[(&str, Option<&str>)], boards: usize) -> Vec<(String, Vec<Value>)> {
     let frames = FRAMES.to_string();
-    let (_manager, [backplane, pose, _]) = manager(&[
+    let (_manager, [backplane, pose, console]) = manager(&[
         "--listen",
         "127.0.0.1:0",
         "--pose-listen",
@@ -49,6 +51,9 @@ fn rig(folder: &Path, compositors: &[(&str, Option<&str>)], boards: usize) -> Ve
         args.extend(views.iter().flat_map(|views| ["--views", views]));
         showing.push(cyclorama().args(args).stdin(std::process::Stdio::piped()).spawn().unwrap());
     }
+    // Whoever comes after the first frame misses it.
+    let connected = |stats: Value| stats["events"].to_string().matches("\"connected\"").count();
+    wait_for("all compositors", || (stats(console).map(connected)? == compositors.len()).then_some(()));
     let _boards: Vec<_> =
         (0..boards).map(|_| daemon(&["channel", "--backplane", &backplane, "--threads", "1"])).collect();
     let _host = daemon(&["host", "play", "city", "--to", &pose.to_string(), "--lock-step", "--size", "80x48"]);
@@ -180,5 +185,50 @@ fn a_display_of_a_view_that_there_is_not_and_a_second_compositor_are_told_why() 
     }
     let display = daemon(&["compositor", "--backplane", backplane, "--views", "1"]);
     rig.wait("both show the same frames", |stats| stats["same_frame_swaps"].as_u64() > Some(5));
+    drop(display);
+}
+
+/// A host that doesn't wait for answers: each pose has its frame all the same, also when a display comes while one is drawn.
+#[test]
+fn in_lock_step_every_pose_of_a_burst_has_a_frame_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_manager, [backplane, pose, console]) = manager(&[
+        "--listen",
+        "127.0.0.1:0",
+        "--pose-listen",
+        "127.0.0.1:0",
+        "--console",
+        "127.0.0.1:0",
+        "--scene",
+        "city",
+        "--views",
+        "1",
+        "--size",
+        "80x48",
+        "--wait-for-compositor",
+        "--lock-step",
+        "--frames",
+        "9",
+    ]);
+    let backplane = backplane.to_string();
+    let path = folder.path().join("whole");
+    let mut compositor = cyclorama();
+    compositor.args(["compositor", "--supervised", "--backplane", &backplane, "--manifest", path.to_str().unwrap()]);
+    let mut compositor = compositor.stdin(std::process::Stdio::piped()).spawn().unwrap();
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    for sequence in 1..=9u32 {
+        let position = glam::DVec3::new(0.0, 50.0 + f64::from(sequence), 0.0);
+        let eye = Pose { position, orientation: glam::DQuat::IDENTITY };
+        let (entities, models) = (Vec::new(), Vec::new());
+        let packet = PosePacket { sequence, answer: false, eye, lens: None, entities, models };
+        socket.send_to(&packet.encode(), pose).unwrap();
+    }
+    let joined = |stats: Value| stats["events"].to_string().contains("display of view 0").then_some(());
+    let display = daemon(&["compositor", "--backplane", &backplane, "--views", "0"]);
+    wait_for("the display", || stats(console).and_then(joined));
+    let _board = daemon(&["channel", "--backplane", &backplane, "--threads", "1"]);
+    assert!(wait_for("the end", || compositor.try_wait().unwrap()).success());
+    let heights: Vec<_> = lines(&path).iter().map(|line| line["eye"]["position"][1].as_f64().unwrap()).collect();
+    assert_eq!(heights, (51..=59).map(f64::from).collect::<Vec<_>>());
     drop(display);
 }

@@ -264,7 +264,14 @@ mod tests {
 
     fn swap(frame: u64, complete: bool) -> Swap {
         let boards = vec![BoardKey(1), BoardKey(2)];
-        Swap { frame: FrameNumber(frame), epoch: Epoch(1), complete: vec![complete], boards, preview: false, at_ns: 0 }
+        Swap {
+            frame: FrameNumber(frame),
+            epoch: Epoch(1),
+            complete: vec![complete],
+            boards,
+            preview: false,
+            moment: None,
+        }
     }
 
     /// What is said of what happens.

@@ -19,6 +19,8 @@ pub(super) struct Compositor {
     sink: TileSink,
     /// Whether it wants to know what each frame depends on.
     records: bool,
+    /// The name in its certificate, where there are keys.
+    certified: Option<String>,
     outbox: Outbox,
     /// Revision of the layout that it knows.
     layout: u64,
@@ -102,12 +104,28 @@ fn has(drawn: PixelFormat, wanted: PixelFormat) -> bool {
 
 impl Engine {
     /// Takes a compositor, or says why not.
-    pub(super) fn on_compositor_hello(&mut self, sink: TileSink, records: bool, from: SocketAddr, outbox: Outbox) {
+    pub(super) fn on_compositor_hello(
+        &mut self,
+        sink: TileSink,
+        records: bool,
+        certified: Option<String>,
+        from: SocketAddr,
+        outbox: Outbox,
+    ) {
         let (key, views) = (sink.key, &sink.views[..]);
+        // One that comes again before its old link is known to be dead.
+        let old = self.compositors.0.iter().find(|(_, other)| other.sink.address == sink.address);
+        let again = old.filter(|(_, other)| other.certified == certified).map(|(key, _)| *key);
+        let is_taken = old.is_some() && again.is_none();
+        if let Some(key) = again {
+            self.on_compositor_lost(key, "it has come again");
+        }
         let count = self.director.views().len();
-        let refused = if views.is_empty() {
-            let other = self.compositors.0.values().find(|other| other.is_whole());
-            other.map(|other| format!("this rig has a compositor already, at {}", other.sink.address))
+        let whole = self.compositors.0.values().find(|other| other.is_whole()).filter(|_| views.is_empty());
+        let refused = if let Some(other) = whole {
+            Some(format!("this rig has a compositor already, at {}", other.sink.address))
+        } else if is_taken {
+            Some(format!("another compositor listens at {}", sink.address))
         } else if let Some(view) = views.iter().find(|view| view.0 as usize >= count) {
             Some(format!("this rig has {count} views, numbered from 0; there is no view {}", view.0))
         } else {
@@ -130,7 +148,7 @@ impl Engine {
                 views.iter().map(|view| view.0.to_string()).collect::<Vec<_>>().join(", ")
             ),
         };
-        let compositor = Compositor { sink, records, outbox, layout: 0, told: None, presented: None };
+        let compositor = Compositor { sink, records, certified, outbox, layout: 0, told: None, presented: None };
         self.compositors.0.insert(key, compositor);
         self.tell_compositors_boards();
         self.update_compositor_views();
@@ -158,6 +176,10 @@ impl Engine {
             // It is drawn again when there is a compositor to show it.
             Some(frame) if self.config.wait_for_compositor => self.clock.on_missing(frame),
             _ if self.compositors.is_empty() => self.clock.on_compositor_lost(),
+            // Nobody who is left has been told of it.
+            Some(frame) if self.compositors.0.values().all(|compositor| compositor.told.is_none()) => {
+                self.clock.on_missing(frame);
+            }
             _ => self.on_shown(),
         }
         self.answer();

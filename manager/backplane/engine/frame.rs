@@ -32,7 +32,7 @@ impl Engine {
 
     /// When the next frame's selection should begin, if it is to be made while boards draw.
     pub(super) fn ahead_due(&self) -> Option<Time> {
-        let may_be = self.clock.open_frame().is_some() || self.ahead.is_always();
+        let may_be = self.clock.open_frame().is_some() || (self.ahead.is_always() && self.may_open());
         let tick = (may_be && !self.is_lock_step()).then(|| self.clock.next_tick().0)?;
         self.ahead.due(tick)
     }

@@ -6,6 +6,9 @@ use proto::pose::{Answer, PosePacket};
 use proto::time::Time;
 use std::net::SocketAddr;
 
+/// Poses that may wait in lock-step. A host that sends more without an answer loses the oldest.
+const POSES_WAITING_MAX: usize = 64;
+
 impl Engine {
     pub(super) fn on_pose(&mut self, packet: PosePacket, from: SocketAddr, received: Time, freshness: Freshness) {
         match freshness {
@@ -18,11 +21,31 @@ impl Engine {
             }
             Freshness::New => {
                 let source = Source { from, sequence: packet.sequence, answer: packet.answer, received };
+                if self.is_lock_step() {
+                    // A frame may still have to be drawn again, with its own pose.
+                    if self.poses_waiting.len() >= POSES_WAITING_MAX {
+                        self.poses_waiting.pop_front();
+                        self.statistics.dropped.stale_poses += 1;
+                    }
+                    self.poses_waiting.push_back((packet, source));
+                    return;
+                }
                 let now = if self.ahead.is_made() { self.ahead.hold((packet, source)) } else { Some((packet, source)) };
                 if let Some((packet, source)) = now {
                     self.take_pose(&packet, source);
                 }
             }
+        }
+    }
+
+    /// Lock-step: the next pose is taken when the frame of the one before has been shown.
+    pub(super) fn take_waiting_pose(&mut self) {
+        if self.clock.is_idle()
+            && !self.clock.is_redraw()
+            && self.fresh.is_none()
+            && let Some((packet, source)) = self.poses_waiting.pop_front()
+        {
+            self.take_pose(&packet, source);
         }
     }
 

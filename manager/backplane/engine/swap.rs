@@ -1,7 +1,7 @@
 //! A frame is over: the compositors, the statistics and the log hear of it.
 
 use super::{Engine, PREVIEW_INTEREST, PREVIEW_PERIOD};
-use proto::message::Swap;
+use proto::message::{Moment, Swap};
 use proto::time::Time;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
@@ -37,7 +37,8 @@ impl Engine {
         let lead = self.swap_lead();
         if !lead.is_zero() {
             let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-            swap.at_ns = u64::try_from((since + lead).as_nanos()).unwrap_or(0);
+            let at_ns = u64::try_from((since + lead).as_nanos()).unwrap_or(0);
+            swap.moment = Some(Moment { at_ns, lead_ns: u32::try_from(lead.as_nanos()).unwrap_or(0) });
         }
         if let Some(source) = &self.shown {
             self.statistics.latency.add(now.since(source.received) + lead);

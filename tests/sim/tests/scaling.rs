@@ -147,7 +147,7 @@ fn frame_bytes(boards: u64) -> usize {
         complete: vec![true; 4],
         boards: members,
         preview: false,
-        at_ns: 0,
+        moment: None,
     };
     let swap = encode(&ToCompositor::Swap(swap), &[]).len();
     boards as usize * (2 * PREFIX + frame + ready) + PREFIX + swap
