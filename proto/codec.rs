@@ -26,7 +26,7 @@ use tokio_util::codec::{Decoder, Encoder};
 compile_error!("bulk payloads are cast, not converted: the wire is little-endian and so must the machine be");
 
 /// Versions of the protocol that this program speaks, both ends included.
-pub const VERSIONS: VersionRange = VersionRange { min: 4, max: 4 };
+pub const VERSIONS: VersionRange = VersionRange { min: 5, max: 5 };
 
 /// First bytes of every connection.
 pub const MAGIC: [u8; 8] = *b"CYCLORMA";
