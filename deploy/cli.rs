@@ -138,6 +138,31 @@ impl From<DetailArg> for manager::select::DetailMode {
     }
 }
 
+/// A debug picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DebugArg {
+    /// The picture itself
+    #[default]
+    Off,
+    /// How many faces cover each pixel
+    Depth,
+    /// Levels of detail
+    Levels,
+    /// Skipped work
+    Skips,
+}
+
+impl From<DebugArg> for proto::debug::DebugPicture {
+    fn from(debug: DebugArg) -> Self {
+        match debug {
+            DebugArg::Off => Self::Off,
+            DebugArg::Depth => Self::Depth,
+            DebugArg::Levels => Self::Levels,
+            DebugArg::Skips => Self::Skips,
+        }
+    }
+}
+
 /// What the views look like, for `rig` and `manager`.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RowArgs {
@@ -460,6 +485,10 @@ pub(crate) struct RenderArgs {
     /// How the picture is shared between boards
     #[arg(long, value_enum, default_value_t)]
     pub mode: ModeArg,
+    /// Draw what drawing takes instead of the picture: depth: how many faces cover each pixel; levels: the picture in grey, tinted by levels of
+    /// detail; skips: by which shortcut each block and pixel is drawn, and what is hidden there. Colours: docs/console.md
+    #[arg(long, value_enum, default_value_t, value_name = "PICTURE")]
+    pub debug: DebugArg,
     /// The picture to write: .png (sRGB, 8 bits), .exr (linear, unclamped) or .rgb (bare pixels)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

@@ -256,7 +256,7 @@ impl Engine {
             ClockMode::LockStep => chain.set_silence(LOCK_STEP_SILENCE),
         }
         let clock = clock(&config, FrameNumber(0), director.views().len());
-        let leadership = Leadership::new(config.stands_by_for.is_some());
+        let leadership = Leadership::new(config.stands_by_for.as_deref());
         Self {
             config,
             content,
@@ -445,7 +445,7 @@ impl Engine {
                 self.tell_boards(&ToBoard::Compositor { address });
                 self.log("connected", format!("compositor ({from})"));
             }
-            Role::Backplane => self.on_peer(key, &format!("{} ({from})", hello.name), outbox),
+            Role::Backplane => self.on_peer(key, &hello.name, from, outbox),
         }
     }
 
@@ -510,12 +510,12 @@ impl Engine {
             FromBoard::Stored => self.on_stored(key, payload),
             FromBoard::Loaded { scene } => self.on_loaded(key, scene),
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
-            FromBoard::Ready { frame, epoch, report } => {
+            FromBoard::Ready { frame, epoch, report, timeline } => {
                 self.statistics.on_board_report(&report);
                 if let Some((_, at)) = self.sent.iter().find(|(sent, _)| *sent == frame) {
                     self.ahead.on_drawn(now.since(*at));
                 }
-                self.traces.on_ready(now, frame, key, &board.name, &report);
+                self.traces.on_ready(now, frame, key, &board.name, &report, timeline);
                 tracing::trace!(frame = frame.0, epoch = epoch.0, board = %board.name, ?report, "ready");
                 self.chain.on_ready(now, key, epoch, report.drawing());
                 self.clock.on_ready(now, key, frame, epoch);

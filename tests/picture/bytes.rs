@@ -68,3 +68,29 @@ fn the_benchmark_scenes_are_the_same_for_any_boards_modes_and_threads() {
         same("dense", "30", "4", "240x135");
     }
 }
+
+#[test]
+fn debug_pictures_are_the_same_for_any_boards_modes_and_threads() {
+    let debugs = [("overdraw", "0", "1", "depth"), ("airport", "500", "4", "levels"), ("airport", "500", "4", "skips")];
+    for (scene, pose, samples, debug) in debugs {
+        let draw = |more: &[&str]| {
+            let args = ["--pose", pose, "--samples", samples, "--size", "240x135"];
+            render(Path::new(scene), &[&args[..], more].concat())
+        };
+        let of = ["--debug", debug];
+        let one = draw(&[&of[..], &["--threads", "1"]].concat());
+        for (boards, mode, threads) in [("3", "interleave", "2"), ("5", "region", "1")] {
+            let other = ["--boards", boards, "--mode", mode, "--threads", threads];
+            let other = draw(&[&of[..], &other].concat());
+            assert!(other == one, "{scene}, {debug}: {boards} boards, {mode}, {threads} threads");
+        }
+        assert!(one != draw(&[]), "{debug}: not the picture itself");
+        if debug == "depth" {
+            // Behind each other are thirty walls, before them boxes: from 30 faces on, which is the step of 17 to 32, a few more where boxes are.
+            let step = proto::debug::depth_color(30);
+            let walls = one.pixels().filter(|pixel| pixel.0 == step).count();
+            let more = one.pixels().filter(|pixel| pixel.0 == proto::debug::depth_color(33)).count();
+            assert!(walls + more == 240 * 135 && walls > 240 * 135 / 2, "{walls} and {more} pixels");
+        }
+    }
+}

@@ -118,7 +118,7 @@ impl Engine {
             tracing::debug_span!("stream").in_scope(|| self.send_frame(frame, &wiring));
             let streaming = before_stream.elapsed();
             self.statistics.stream.add(streaming);
-            self.traces.on_sent(frame, streaming);
+            self.traces.on_sent(self.now(), frame, streaming);
             self.on_sent(frame, selecting + streaming);
         }
         self.feed_all();
@@ -164,6 +164,7 @@ impl Engine {
         Shown {
             eye: director.eye(),
             environment: director.environment(),
+            debug: self.control.debug,
             format: self.format,
             epoch: wiring.epoch,
             compositor: self.compositor.as_ref().map(|compositor| compositor.key),
@@ -175,14 +176,16 @@ impl Engine {
     fn tell_record(&self, frame: FrameNumber) {
         let Some(compositor) = self.compositor.as_ref().filter(|compositor| compositor.records) else { return };
         let weights = self.director.mixtures.since(None).1.to_vec();
-        let record = FrameRecord { eye: self.director.eye(), environment: self.director.environment(), weights };
+        let (eye, environment) = (self.director.eye(), self.director.environment());
+        let record = FrameRecord { eye, environment, weights, debug: self.control.debug };
         compositor.outbox.send(encode(&ToCompositor::Record { frame, record }, &[]));
     }
 
     /// Sends every board its frame.
     fn send_frame(&mut self, frame: FrameNumber, wiring: &Wiring) {
-        let Self { boards, director, statistics, stream, calm, format, .. } = self;
-        let state = FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
+        let Self { boards, director, statistics, stream, calm, format, control, .. } = self;
+        let (eye, environment) = (director.eye(), director.environment());
+        let state = FrameState { frame, epoch: wiring.epoch, eye, environment, debug: control.debug };
         for (i, key) in wiring.members.iter().enumerate() {
             let Some(board) = boards.get_mut(key) else { continue };
             let (moved, places) = director.moved.since(board.moved);
