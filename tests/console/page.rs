@@ -322,7 +322,9 @@ fn consoles_say_who_leads_and_who_stands_by() {
     page.wait("its part", "document.getElementById('doing').textContent === 'STANDS BY'");
     page.wait("for whom", "document.getElementById('lead').textContent.startsWith('stands by for 127.0.0.1:')");
     assert_eq!(
-        page.value("[...document.querySelectorAll('.controls button, #debugs button')].every(b => b.disabled)"),
+        page.value(
+            "[...document.querySelectorAll('.controls .pair button, #apply, #debugs button')].every(b => b.disabled)"
+        ),
         true
     );
     let widths = page.value("[document.documentElement.scrollWidth, innerWidth]");
@@ -478,26 +480,37 @@ fn pictures_for_the_docs() {
     };
     shoot("console.png", (1160, 1440), &json!({"format": "png"}));
     shoot("console-phone.png", PHONE, &json!({"format": "png"}));
-    page.resize((1160, 900));
-    page.click("#pause");
-    page.wait("paused", "document.getElementById('doing').textContent === 'PAUSED'");
-    for picture in ["depth", "levels", "skips"] {
-        page.click(&format!("#debugs [data-picture={picture}]"));
-        page.wait(
-            "its legend",
-            &format!("document.querySelector('#debugs [aria-pressed=true]').dataset.picture === '{picture}'"),
-        );
-        std::thread::sleep(std::time::Duration::from_secs(2));
-        // One view, as large as it is drawn.
-        let place = page.value("(() => { document.querySelector('#views button:nth-child(3)').click(); const e = document.getElementById('look'); e.scrollIntoView(); const r = e.getBoundingClientRect(); return [r.x, r.y + scrollY, r.width, r.height]; })()");
-        let clip = json!({"x": place[0], "y": place[1], "width": place[2], "height": place[3], "scale": 1});
-        let shot =
-            page.call("Page.captureScreenshot", &json!({"format": "png", "clip": clip, "captureBeyondViewport": true}));
-        let name = format!("debug-{picture}.png");
-        std::fs::write(folder.join(&name), base64(shot["data"].as_str().unwrap())).unwrap();
-    }
-    for name in ["console.png", "console-phone.png", "debug-depth.png", "debug-levels.png", "debug-skips.png"] {
+    for name in ["console.png", "console-phone.png"] {
         assert!(std::fs::metadata(folder.join(name)).unwrap().len() < 400_000, "{name} is for a page of text");
+    }
+}
+
+#[test]
+fn debug_pictures_for_the_docs() {
+    let Some(folder) = std::env::var_os("CYCLORAMA_SCREENSHOTS") else { return };
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
+    let scenes = tempfile::tempdir().unwrap();
+    let towers = crate::towers::write(scenes.path()).map(|path| path.to_str().unwrap().to_owned());
+    let towers = [towers[0].as_str(), "--camera", &towers[1]];
+    // Slowly: a picture of a tile that wasn't sent again needs frames that are alike.
+    let rig = ["--views", "1", "--boards", "2", "--size", "640x360", "--samples", "4", "--rate", "5"];
+    for (picture, scene) in [("depth", &["airport"][..]), ("levels", &towers[..]), ("skips", &["airport"][..])] {
+        let Some((rig, mut page)) = open(&[scene, &rig].concat(), (1160, 900)) else { return };
+        page.wait("controls", "!document.querySelector('#debugs button').disabled");
+        rig.wait("a while of flight", |stats| stats["seconds"].as_f64() > Some(6.0));
+        page.click(&format!("#debugs [data-picture={picture}]"));
+        page.wait("its legend", "!document.getElementById('debug-legend').hidden");
+        std::thread::sleep(std::time::Duration::from_secs(3));
+        let place = page.value(
+            "(() => { const e = document.getElementById('look'); e.scrollIntoView(); const r = e.getBoundingClientRect(); \
+             return [r.x, r.y + scrollY, r.width, r.height]; })()",
+        );
+        let clip = json!({"x": place[0], "y": place[1], "width": place[2], "height": place[3], "scale": 1});
+        let shot = json!({"format": "png", "clip": clip, "captureBeyondViewport": true});
+        let shot = page.call("Page.captureScreenshot", &shot);
+        let png = base64(shot["data"].as_str().unwrap());
+        assert!(png.len() < 400_000, "{} bytes are too many for a page of text", png.len());
+        std::fs::write(folder.join(format!("debug-{picture}.png")), png).unwrap();
     }
 }
 

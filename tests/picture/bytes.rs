@@ -5,7 +5,7 @@
 //! instruction set some of them. With `CYCLORAMA_BYTES=full` it takes the whole product, on all built-in scenes. What this
 //! machine lacks (NEON, or AVX-512) is untested.
 
-use crate::render;
+use crate::{render, towers};
 use channel::simd::SimdLevel;
 use std::path::Path;
 
@@ -71,11 +71,19 @@ fn the_benchmark_scenes_are_the_same_for_any_boards_modes_and_threads() {
 
 #[test]
 fn debug_pictures_are_the_same_for_any_boards_modes_and_threads() {
-    let debugs = [("overdraw", "0", "1", "depth"), ("airport", "500", "4", "levels"), ("airport", "500", "4", "skips")];
-    for (scene, pose, samples, debug) in debugs {
+    let folder = tempfile::tempdir().unwrap();
+    let [towers, camera] = towers::write(folder.path());
+    let camera = ["--camera", camera.to_str().unwrap()];
+    let towers = towers.to_str().unwrap();
+    let airport = ["--pose", "500"];
+    for (scene, look, samples, debug) in [
+        ("overdraw", &[][..], "1", "depth"),
+        (towers, &camera[..], "4", "levels"),
+        ("airport", &airport[..], "4", "skips"),
+    ] {
         let draw = |more: &[&str]| {
-            let args = ["--pose", pose, "--samples", samples, "--size", "240x135"];
-            render(Path::new(scene), &[&args[..], more].concat())
+            let args = ["--samples", samples, "--size", "240x135"];
+            render(Path::new(scene), &[look, &args, more].concat())
         };
         let of = ["--debug", debug];
         let one = draw(&[&of[..], &["--threads", "1"]].concat());
@@ -86,11 +94,16 @@ fn debug_pictures_are_the_same_for_any_boards_modes_and_threads() {
         }
         assert!(one != draw(&[]), "{debug}: not the picture itself");
         if debug == "depth" {
-            // Behind each other are thirty walls, before them boxes: from 30 faces on, which is the step of 17 to 32, a few more where boxes are.
-            let step = proto::debug::depth_color(30);
-            let walls = one.pixels().filter(|pixel| pixel.0 == step).count();
-            let more = one.pixels().filter(|pixel| pixel.0 == proto::debug::depth_color(33)).count();
+            // Behind each other are thirty walls, before them boxes: the step of 17 to 32, or the next where there are more.
+            let count = |faces| one.pixels().filter(|pixel| pixel.0 == proto::debug::depth_color(faces)).count();
+            let (walls, more) = (count(30), count(33));
             assert!(walls + more == 240 * 135 && walls > 240 * 135 / 2, "{walls} and {more} pixels");
+        }
+        if debug == "levels" {
+            // The sky is grey, a tower is blue or yellow.
+            let is_tinted = |pixel: &&image::Rgb<u8>| pixel.0[0].abs_diff(pixel.0[2]) > 60;
+            let tinted = one.pixels().filter(is_tinted).count();
+            assert!(tinted > 1000, "{tinted} pixels are tinted");
         }
     }
 }
