@@ -15,11 +15,14 @@
 //!
 //! 6. Asked for by [`proto::view::Samples::Exact`], [`exact`] computes the pixels that points don't give exactly, from the areas of their faces.
 //!
+//! For who wants to see what all that takes, [`debug`] paints the tiles over.
+//!
 //! Stages are pure functions over plain data; the buffers are the caller's and are used again. Nothing here knows
 //! sockets, clocks (except to report stage times, which never reach a pixel) or how many boards there are.
 // `unsafe` is in `prefetch` alone.
 #![allow(clippy::needless_range_loop, reason = "lanes and channels are indices into several arrays at once")]
 
+pub mod debug;
 pub mod exact;
 pub mod frame;
 pub mod geometry;

@@ -9,6 +9,7 @@ use crate::samples::Pattern;
 use crate::simd::SimdLevel;
 use crate::store::SceneStore;
 use glam::{DAffine3, DVec3};
+use proto::debug::DebugPicture;
 use proto::frame::{Background, Environment, FrameState, VersionWeights};
 use proto::ids::{ContentId, Epoch, FrameNumber, ModelId, ObjectId, SubobjectId};
 use proto::scene::{
@@ -129,6 +130,7 @@ pub(crate) fn state() -> FrameState {
         epoch: Epoch(0),
         eye: Pose::IDENTITY,
         environment: Environment { background: Background::Constant([0.0; 3]), ..Environment::default() },
+        debug: DebugPicture::Off,
     }
 }
 

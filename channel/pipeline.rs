@@ -9,6 +9,7 @@
 //! between frames are woken on the waker's CPU and do half of the frame one after the other. A smaller pool isn't pinned,
 //! because several boards on one machine would all choose the same CPUs.
 
+use crate::debug::{self, DebugScratch};
 use crate::exact::stage::{ExactScratch, integrate_tile};
 use crate::frame::{Frame, RUN_TRIANGLES_MAX, RUNS_MAX, triangle_number};
 use crate::geometry::camera::Camera;
@@ -21,6 +22,7 @@ use crate::raster::coverage::{BLOCKS, SampleTables};
 use crate::raster::fronts::{BoxExtent, TileFronts};
 use crate::raster::opaque::{RasterCounts, draw_opaque};
 use crate::raster::visible::{TILE_TRIANGLES_MAX, Visible};
+use crate::resolve::colour::decode_srgb;
 use crate::resolve::tile::{ResolveCounts, ResolveScratch, Resolved, TileOutput, resolve};
 use crate::room::{emptied, room, share_room};
 use crate::samples::Pattern;
@@ -30,8 +32,9 @@ use crate::store::SceneStore;
 use crate::translucency::gather::{TileLayers, gather};
 use fearless_simd::Simd;
 use pool::Pool;
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, PixelRect, TileIndex};
-use proto::ids::SubobjectId;
+use proto::ids::{ContentId, SubobjectId};
 use proto::limits::TRIANGLES_PER_SUBOBJECT_MAX;
 use proto::share::Part;
 use proto::view::{Pose, View};
@@ -120,6 +123,8 @@ pub struct TilePictures {
     pub rgb: Vec<u8>,
     /// The same in linear, unclamped floats, if asked for with [`TilePictures::with_linear`].
     pub linear: Option<Vec<f32>>,
+    /// The names of the pixels that [`DebugPicture::Skips`] has painted over, tile by tile; else empty.
+    plain: Vec<ContentId>,
     /// Where each tile's pixels begin, pixels; one more for the end.
     starts: Vec<usize>,
 }
@@ -151,7 +156,26 @@ impl TilePictures {
         self.linear.as_ref().map(|linear| &linear[self.starts[k] * 3..self.starts[k + 1] * 3])
     }
 
-    fn begin(&mut self, part: &Part, width: u32, height: u32) {
+    /// Darkens the tiles whose pixels, before they were painted over, were those that `before` has at the same place.
+    pub fn darken_unchanged(&mut self, before: &Self) {
+        if self.tiles != before.tiles || self.plain.is_empty() {
+            return;
+        }
+        for (k, (own, old)) in self.plain.iter().zip(&before.plain).enumerate() {
+            if own == old {
+                let channels = self.starts[k] * 3..self.starts[k + 1] * 3;
+                self.rgb[channels.clone()].iter_mut().for_each(|value| *value /= 2);
+                if let Some(linear) = &mut self.linear {
+                    let codes = &self.rgb[channels.clone()];
+                    for (to, code) in linear[channels].chunks_exact_mut(3).zip(codes.chunks_exact(3)) {
+                        to.copy_from_slice(&decode_srgb([code[0], code[1], code[2]]));
+                    }
+                }
+            }
+        }
+    }
+
+    fn begin(&mut self, part: &Part, width: u32, height: u32, debug: DebugPicture) {
         self.tiles.clear();
         self.tiles.extend(part.tiles(width, height));
         self.starts.clear();
@@ -162,6 +186,10 @@ impl TilePictures {
             self.starts.push(pixels);
         }
         self.rgb.resize(pixels * 3, 0);
+        self.plain.clear();
+        if debug == DebugPicture::Skips {
+            self.plain.resize(self.tiles.len(), ContentId([0; 16]));
+        }
         if let Some(linear) = &mut self.linear {
             linear.resize(pixels * 3, 0.0);
         }
@@ -170,6 +198,7 @@ impl TilePictures {
     fn clear(&mut self) {
         self.tiles.clear();
         self.rgb.clear();
+        self.plain.clear();
         self.starts.clear();
         if let Some(linear) = &mut self.linear {
             linear.clear();
@@ -213,9 +242,10 @@ struct TileScratch {
     faces: TileFaces,
     resolve: ResolveScratch,
     exact: ExactScratch,
+    debug: DebugScratch,
 }
 
-room!(TileScratch: numbers, visible, layers, faces, resolve, exact; tables, busy_ns);
+room!(TileScratch: numbers, visible, layers, faces, resolve, exact, debug; tables, busy_ns);
 
 /// One run of the list on its way through geometry.
 #[derive(Debug)]
@@ -231,6 +261,8 @@ struct TileJob<'a> {
     slot: usize,
     rect: PixelRect,
     out: TileOutput<'a>,
+    /// Where the name of its pixels goes, if they are painted over and it is asked for.
+    plain: Option<&'a mut ContentId>,
     stats: DrawStats,
 }
 
@@ -383,10 +415,10 @@ impl Renderer {
         sort_surroundings(camera, items, &mut self.surroundings);
 
         let mut stats = DrawStats::default();
-        out.begin(part, view.width, view.height);
+        out.begin(part, view.width, view.height, state.debug);
         self.map.set(view.width, view.height, &out.tiles);
         let visibility_m = state.environment.visibility_m.unwrap_or(f64::INFINITY);
-        let runs = self.geometry(camera, pattern, visibility_m, items, &mut stats)?;
+        let runs = self.geometry(camera, pattern, visibility_m, items, state.debug, &mut stats)?;
         stats.geometry_ns = nanoseconds(begun);
 
         self.lights.clear();
@@ -396,10 +428,10 @@ impl Renderer {
         let frame = Frame::new(camera, pattern, &state.environment, &self.lights, items, &self.runs[..runs]);
         let mut jobs = std::mem::take(&mut self.tile_jobs);
         tile_jobs(out, view, &mut jobs);
-        let (bins, level, skips) = (&self.bins[..runs], self.level.level(), self.skips);
+        let (bins, level, skips, debug) = (&self.bins[..runs], self.level.level(), self.skips, state.debug);
         self.pool.for_each(&mut self.scratch, &mut jobs, |scratch, job| {
             let begun = Instant::now();
-            at_level!(level, simd => draw_tile(simd, &frame, bins, skips, scratch, job));
+            at_level!(level, simd => draw_tile(simd, &frame, bins, skips, debug, scratch, job));
             scratch.busy_ns += nanoseconds(begun);
         });
         for job in &jobs {
@@ -419,6 +451,7 @@ impl Renderer {
         pattern: &Pattern,
         visibility_m: f64,
         items: &[Item<'_>],
+        debug: DebugPicture,
         stats: &mut DrawStats,
     ) -> Result<usize, DrawError> {
         let faces: usize = items.iter().map(|item| item.stored.mesh.triangles.len()).sum();
@@ -451,8 +484,9 @@ impl Renderer {
         let (map, fronts, level) = (&self.map, &self.fronts, self.level.level());
         let (keeps_back, coarse) = (!self.skips.back_faces && !pattern.is_exact(), self.coarse);
         // Areas also ask for what is a little beside a tile's points.
-        let looks = self.skips.hidden && !pattern.is_exact();
-        let drops = self.skips.occluded && !pattern.is_exact();
+        let drops_any = !pattern.is_exact() && !debug::counts_hidden(debug);
+        let looks = self.skips.hidden && drops_any;
+        let drops = self.skips.occluded && drops_any;
         let is_hidden = |item: &Item<'_>| {
             looks
                 && item.stored.mesh.triangles.len() >= FACES_WORTH_A_BOX
@@ -564,6 +598,7 @@ fn item<'a>(scene: &'a SceneStore, camera: &Camera, subobject: SubobjectId) -> R
 fn tile_jobs<'a>(out: &'a mut TilePictures, view: &View, jobs: &mut Vec<TileJob<'a>>) {
     let mut rgb = out.rgb.as_mut_slice();
     let mut linear = out.linear.as_deref_mut();
+    let mut plain = out.plain.iter_mut();
     for (slot, tile) in out.tiles.iter().enumerate() {
         let rect = tile.rect(view.width, view.height);
         let channels = rect.area() * 3;
@@ -574,7 +609,8 @@ fn tile_jobs<'a>(out: &'a mut TilePictures, view: &View, jobs: &mut Vec<TileJob<
             linear = Some(rest);
             floats
         });
-        jobs.push(TileJob { slot, rect, out: TileOutput { rgb: bytes, linear: floats }, stats: DrawStats::default() });
+        let out = TileOutput { rgb: bytes, linear: floats };
+        jobs.push(TileJob { slot, rect, out, plain: plain.next(), stats: DrawStats::default() });
     }
 }
 
@@ -585,10 +621,13 @@ fn draw_tile<S: Simd>(
     frame: &Frame<'_>,
     bins: &[RunBins],
     skips: Skips,
+    debug: DebugPicture,
     scratch: &mut TileScratch,
     job: &mut TileJob<'_>,
 ) {
-    let TileScratch { numbers, visible, tables, layers, faces, resolve: resolve_scratch, exact, .. } = scratch;
+    let TileScratch {
+        numbers, visible, tables, layers, faces, resolve: resolve_scratch, exact, debug: painted, ..
+    } = scratch;
     let stats = &mut job.stats;
     let begun = Instant::now();
     numbers.clear();
@@ -643,7 +682,21 @@ fn draw_tile<S: Simd>(
             },
         );
     }
+    if debug != DebugPicture::Off {
+        if let Some(plain) = &mut job.plain {
+            **plain = name_of(&job.out);
+        }
+        debug::paint(simd, debug, tile, faces, painted, &mut job.out);
+    }
     stats.resolve_ns = nanoseconds(begun);
+}
+
+/// The name of a tile's pixels.
+fn name_of(out: &TileOutput<'_>) -> ContentId {
+    match &out.linear {
+        Some(linear) => ContentId::of(bytemuck::cast_slice(linear)),
+        None => ContentId::of(out.rgb),
+    }
 }
 
 impl DrawStats {

@@ -8,6 +8,7 @@ use crate::pipeline::{Renderer, TilePictures};
 use crate::simd::SimdLevel;
 use crate::store::{Prepared, SceneStore};
 use glam::{DAffine3, DVec3};
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState};
 use proto::ids::{ContentId, Epoch, FrameNumber, ObjectId, SubobjectId};
 use proto::scene::{
@@ -31,7 +32,8 @@ pub fn draw(level: SimdLevel) -> Result<ContentId, String> {
     let store = scene().map_err(|error| error.to_string())?;
     let list: Vec<_> = (0..store.subobjects() as u32).map(SubobjectId).collect();
     let environment = Environment { visibility_m: Some(400.0), ..Environment::default() };
-    let state = FrameState { frame: FrameNumber(0), epoch: Epoch(0), eye: Pose::IDENTITY, environment };
+    let (frame, epoch, eye) = (FrameNumber(0), Epoch(0), Pose::IDENTITY);
+    let state = FrameState { frame, epoch, eye, environment, debug: DebugPicture::Off };
     let mut bytes = Vec::new();
     for samples in [Samples::One, Samples::Sixteen, Samples::Exact] {
         let tangents = Tangents { left: -1.0, right: 1.0, bottom: -1.0, top: 1.0 };

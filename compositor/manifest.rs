@@ -86,6 +86,7 @@ impl Manifest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::debug::DebugPicture;
     use proto::frame::{Environment, PixelFormat};
     use proto::view::{Pose, Samples, Tangents, View, ViewSetup};
 
@@ -96,7 +97,12 @@ mod tests {
         let mut stitcher = Stitcher::new(PixelFormat::Srgb8, Vec::new());
         let row = View::row(2, 40, 33, Tangents::symmetric(45.0, 40, 33), Samples::One);
         assert!(stitcher.set_views(&row.into_iter().map(ViewSetup::new).collect::<Vec<_>>()));
-        let record = FrameRecord { eye: Pose::IDENTITY, environment: Environment::default(), weights: Vec::new() };
+        let record = FrameRecord {
+            eye: Pose::IDENTITY,
+            environment: Environment::default(),
+            weights: Vec::new(),
+            debug: DebugPicture::Off,
+        };
         let shown = Shown {
             frame: FrameNumber(7),
             preview: false,

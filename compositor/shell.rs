@@ -238,8 +238,8 @@ impl Shell {
                     }
                 }
                 self.report(&FromCompositor::Presented { frame: shown.frame, stitch_ns, at_ns }, &[]);
-                // Behind that word: no frame waits for a look.
-                if shown.preview {
+                // Behind that word: no frame waits for a look. And nobody looks at a canvas on which nothing was shown yet.
+                if shown.preview && self.stitcher.is_whole() {
                     self.previews.offer(self.picture(shown.frame));
                 }
             }

@@ -95,6 +95,8 @@ pub struct Stitcher {
     shown: Vec<ViewId>,
     /// By view; `None`: not shown here.
     views: Vec<Option<Placed>>,
+    /// By view: whether it has ever been laid on this canvas as a whole.
+    is_laid: Vec<bool>,
     width: u32,
     height: u32,
     format: PixelFormat,
@@ -135,6 +137,7 @@ impl Stitcher {
         if placed != self.views {
             (self.width, self.height) = (width, height);
             self.canvas = vec![0; width as usize * height as usize * self.format.bytes()];
+            self.is_laid = vec![false; placed.len()];
             self.views = placed;
             // Their tiles have the old sizes; boards send all anew when views change.
             for inbox in self.boards.values_mut() {
@@ -148,6 +151,11 @@ impl Stitcher {
     /// Width and height of the stitched picture, pixels.
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
+    }
+
+    /// Whether the canvas shows a picture everywhere. Until each view has been complete once, it is black there.
+    pub fn is_whole(&self) -> bool {
+        self.is_laid.iter().all(|is_laid| *is_laid)
     }
 
     /// The stitched picture, row-major, tightly packed.
@@ -275,6 +283,9 @@ impl Stitcher {
         for run in &runs {
             tiles += run.tiles.len();
             self.lay(run);
+        }
+        for (is_laid, is_complete) in self.is_laid.iter_mut().zip(&swap.complete) {
+            *is_laid |= is_complete;
         }
         let Swap { frame, complete, preview, moment, .. } = swap;
         Some(Shown { frame, preview, moment, complete, tiles, skipped: newest })
@@ -433,6 +444,7 @@ mod tests {
         stitcher.on_swap(swap(1, &[true, false], &[0]));
         stitcher.poll().unwrap();
         let pixel = |s: &Stitcher, x: usize| s.canvas()[x * 3];
+        assert!(stitcher.is_whole(), "each has been whole once");
         assert_eq!((pixel(&stitcher, 50), pixel(&stitcher, 150)), (2, 1));
         send(&mut stitcher, 1, 1, 2, 2);
         stitcher.on_done(BoardKey(0), FrameNumber(2), Epoch(1));
@@ -476,6 +488,22 @@ mod tests {
             stitcher.poll().unwrap();
             assert!(stitcher.canvas() == expected, "scale {scale}: it repeats");
         }
+    }
+
+    #[test]
+    fn a_canvas_is_whole_when_each_view_has_been_complete_once() {
+        let mut stitcher = stitcher(1, 2);
+        for (frame, complete, is_whole) in
+            [(0, [false, false], false), (1, [false, true], false), (2, [true, false], true)]
+        {
+            send(&mut stitcher, 0, frame, 1, 2);
+            stitcher.on_swap(swap(frame, &complete, &[0]));
+            assert!(stitcher.poll().is_some());
+            assert_eq!(stitcher.is_whole(), is_whole, "frame {frame}");
+        }
+        let mut smaller = views(2);
+        smaller[0].view.width -= 1;
+        assert!(stitcher.set_views(&smaller) && !stitcher.is_whole(), "a new canvas");
     }
 
     #[test]

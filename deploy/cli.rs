@@ -20,7 +20,7 @@ pub(crate) use bench::{
 pub(crate) use daemon::{ChannelArgs, CompositorArgs, ManagerArgs, Supervision};
 pub(crate) use host::{HostCommand, HostPlayArgs};
 pub(crate) use keys::{KeysArgs, KeysCommand, KeysInitArgs, KeysIssueArgs, KeysShowArgs, TrustArgs};
-pub(crate) use look::{AirArgs, DetailArg, ModeArg, RowArgs, SelectAheadArg};
+pub(crate) use look::{AirArgs, DebugArg, DetailArg, ModeArg, RowArgs, SelectAheadArg};
 pub(crate) use rig::{CheckArgs, RigArgs};
 pub(crate) use scene::{BakeArgs, InspectArgs, RenderArgs, SceneArgs};
 pub(crate) use service::{CompletionsArgs, HealthArgs, ManArgs};

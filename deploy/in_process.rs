@@ -10,6 +10,7 @@ use glam::{DQuat, DVec3};
 use manager::host::camera::CameraPose;
 use manager::scene::{Entities, Scene};
 use manager::select::{Detail, DetailMode, LevelTable, Selection, Selector, Sight, detail};
+use proto::debug::DebugPicture;
 use proto::frame::{FrameState, Moved, VersionWeights};
 use proto::ids::{Epoch, FrameNumber};
 use proto::share::Part;
@@ -128,6 +129,7 @@ pub(crate) fn look(
         epoch: Epoch(1),
         eye: pose.pose().map_err(said)?,
         environment: settings::environment(air, &rig_file::Air::default())?,
+        debug: DebugPicture::Off,
     };
     Ok((state, view))
 }

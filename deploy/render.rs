@@ -35,7 +35,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), CommandError> {
     };
     let (width, height) = args.size;
     let (mut state, view) = look(pose, args.size, &args.air, args.samples)?;
-    state.frame = FrameNumber(args.pose as u64);
+    (state.frame, state.debug) = (FrameNumber(args.pose as u64), args.debug.into());
     let threads = args.threads.unwrap_or_else(processors);
     let mut drawer = InProcess::new(&source.scene, threads, args.detail.into())?;
     drawer.renderer().set_simd(args.simd.unwrap_or_default());

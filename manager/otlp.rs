@@ -158,7 +158,8 @@ impl Writer {
                 };
                 let id = put(root, name, part.begin_ns, part.end_ns, about);
                 for stage in &part.stages {
-                    put(id, stage.name, stage.begin_ns, stage.end_ns, Vec::new());
+                    let view = stage.view.map(|view| KeyValue::new("cyclorama.view", i64::from(view)));
+                    put(id, stage.name, stage.begin_ns, stage.end_ns, view.into_iter().collect());
                 }
             }
         }

@@ -1,5 +1,6 @@
 //! One frame: what every board must know to draw it, and the pieces of picture that come back.
 
+use crate::debug::DebugPicture;
 use crate::ids::{ContentId, Epoch, FrameNumber, ModelId, ObjectId};
 use crate::view::Pose;
 use bytemuck::{Pod, Zeroable};
@@ -59,6 +60,8 @@ pub struct FrameState {
     pub eye: Pose,
     /// Light and air.
     pub environment: Environment,
+    /// What pixels say.
+    pub debug: DebugPicture,
 }
 
 /// An object that is somewhere else than the scene table says.
@@ -88,6 +91,8 @@ pub struct FrameRecord {
     pub environment: Environment,
     /// How models are mixed.
     pub weights: Vec<VersionWeights>,
+    /// What pixels say.
+    pub debug: DebugPicture,
 }
 
 /// Side of a tile, pixels: the grain of shares, of raster work and of change detection. A build for measuring can take 16 or 64, by the

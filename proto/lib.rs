@@ -9,6 +9,7 @@
 pub mod backoff;
 pub mod chain;
 pub mod codec;
+pub mod debug;
 pub mod frame;
 pub mod ids;
 pub mod limits;

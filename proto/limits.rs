@@ -6,6 +6,8 @@ pub const VIEW_SIZE_MAX: u32 = 16_384;
 pub const STITCHED_SIZE_MAX: u32 = 65_535;
 /// Most views of a rig.
 pub const VIEWS_MAX: usize = 64;
+/// Most stages that a board says of a frame: six of each view, and one before and after all.
+pub const STAGE_SPANS_MAX: usize = 6 * VIEWS_MAX + 2;
 /// Most boards in the row.
 pub const BOARDS_MAX: usize = 256;
 /// Most compositors: one of the whole picture, and two displays for each view.

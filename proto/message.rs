@@ -138,6 +138,8 @@ pub enum FromBoard {
         epoch: Epoch,
         /// What it cost.
         report: BoardReport,
+        /// When it was done.
+        timeline: Timeline,
     },
     /// The board wants to leave; it stays until told [`ToBoard::Goodbye`].
     Leave,
@@ -187,6 +189,59 @@ impl BoardReport {
     pub fn drawing(&self) -> Duration {
         let stages = [self.geometry_ns, self.raster_ns, self.translucency_ns, self.resolve_ns];
         Duration::from_nanos(stages.into_iter().fold(0, u64::saturating_add))
+    }
+}
+
+/// When a board did what, by its own clock, ns since the frame's message had come.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Timeline {
+    /// When it was ready.
+    pub ready_ns: u64,
+    /// What it did, in order, one after the other; at most [`limits::STAGE_SPANS_MAX`].
+    pub stages: Vec<StageSpan>,
+}
+
+/// A stage of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageSpan {
+    /// Which.
+    pub stage: Stage,
+    /// Of which view; `None`: of all that the board draws.
+    pub view: Option<ViewId>,
+    /// When it began.
+    pub begin_ns: u64,
+    /// When it was over.
+    pub end_ns: u64,
+}
+
+/// What a board does with a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Stage {
+    /// It waits for the painter, who is busy with another.
+    Queue,
+    /// From the list to triangles in tiles.
+    Geometry,
+    /// Which face each sample sees.
+    Raster,
+    /// Translucent fragments are gathered.
+    Translucency,
+    /// Shading, mixing, encoding.
+    Resolve,
+    /// Comparing tiles and handing them to the compositor's link.
+    Transfer,
+}
+
+impl Stage {
+    /// Its name in traces.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Queue => "queue",
+            Self::Geometry => "geometry",
+            Self::Raster => "raster",
+            Self::Translucency => "translucency",
+            Self::Resolve => "resolve",
+            Self::Transfer => "transfer",
+        }
     }
 }
 

@@ -42,6 +42,8 @@ pub struct Item<'a> {
     pub part: Option<Member<'a>>,
     /// Whether all of its faces are fragments, opaque ones as well: its model is in transition.
     pub in_transition: bool,
+    /// Its level of detail, 0 the finest, or [`NO_LEVEL`](crate::debug::NO_LEVEL): for debug pictures.
+    pub level: u8,
     /// The planes of the faces that lie over others.
     pub planes: Option<FacePlanes<'a>>,
     /// The base colour's texture.
@@ -74,6 +76,7 @@ impl<'a> Item<'a> {
             normals: cofactors(&linear) * sign,
             part,
             in_transition,
+            level: found.level,
             planes: found.planes,
             base_texture: None,
             emissive_texture: None,

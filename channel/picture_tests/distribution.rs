@@ -40,7 +40,7 @@ fn everything_at_once(table: &mut SceneTable) {
 }
 
 /// The scene of [`everything_at_once`] with two models in transition and one that fades out.
-fn everything_shown(change: impl FnOnce(&mut SceneTable)) -> (SceneStore, FrameState) {
+pub(crate) fn everything_shown(change: impl FnOnce(&mut SceneTable)) -> (SceneStore, FrameState) {
     let (mut store, mut state) = motley(|table| {
         everything_at_once(table);
         change(table);

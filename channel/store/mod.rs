@@ -19,6 +19,7 @@ mod tests;
 pub use error::StoreError;
 pub use prepared::{PieceError, Prepared};
 
+use crate::debug::NO_LEVEL;
 use crate::geometry::plane::FacePlanes;
 use crate::texture::MipTexture;
 use crate::translucency::models::Member;
@@ -28,7 +29,7 @@ use prepared::PreparedContent;
 use proto::frame::{Moved, VersionWeights};
 use proto::ids::{ContentId, ModelId, ObjectId, PlaneId, SubobjectId};
 use proto::piece::mesh_memory;
-use proto::scene::{LightRow, Mesh, NO_PLANE, PlaneRow, SceneTable, SubobjectRow, Texture, TextureUse};
+use proto::scene::{LightRow, Mesh, ModelPart, NO_PLANE, PlaneRow, SceneTable, SubobjectRow, Texture, TextureUse};
 use std::collections::BTreeMap;
 
 /// Texture coordinate sets a mesh may have.
@@ -117,6 +118,8 @@ pub(crate) struct Found<'a> {
     pub(crate) rank: u32,
     pub(crate) planes: Option<FacePlanes<'a>>,
     pub(crate) presence: Presence<'a>,
+    /// See [`crate::geometry::transform::Item::level`].
+    pub(crate) level: u8,
 }
 
 /// What a frame shows of a subobject.
@@ -352,7 +355,14 @@ impl SceneStore {
             rank: placed.rank,
             planes: row.planes.map(|begin| FacePlanes::new(self, placed.object, begin as usize)),
             presence: self.presence(row),
+            level: self.level(row),
         })
+    }
+
+    /// Which version of its model a subobject is; a model of one version has no levels.
+    fn level(&self, row: &SubobjectRow) -> u8 {
+        let has_levels = |part: &ModelPart| self.table.models[part.model.0 as usize].versions > 1;
+        row.part_of.filter(has_levels).map_or(NO_LEVEL, |part| u8::try_from(part.version).unwrap_or(NO_LEVEL))
     }
 
     /// Whether and as what a subobject is shown.

@@ -118,6 +118,7 @@ fn lay_over<K: Ord, V>(
 mod tests {
     use super::*;
     use glam::DVec3;
+    use proto::debug::DebugPicture;
     use proto::frame::{Environment, FrameState, PixelFormat};
     use proto::ids::{Epoch, FrameNumber};
     use proto::list::ListEncoder;
@@ -135,6 +136,7 @@ mod tests {
             epoch: Epoch(1),
             eye: Pose::IDENTITY,
             environment: Environment::default(),
+            debug: DebugPicture::Off,
         };
         let moved = Changes { base: moved, count: payload.moved.len() as u32 };
         let weights = Changes { base: weights, count: payload.weights.len() as u32 };

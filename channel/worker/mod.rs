@@ -25,6 +25,7 @@ mod outlet;
 mod painter;
 mod session;
 mod terms;
+mod timeline;
 
 use crate::pipeline::Renderer;
 use crate::simd::SimdLevel;

@@ -10,13 +10,15 @@
 use super::delivery::{Delivery, Outlets, pixels};
 use super::follow::Followed;
 use super::loader::{self, Raw};
+use super::timeline::Watch;
 use crate::pipeline::{DrawStats, Renderer, TilePictures};
 use crate::store::{Prepared, SceneStore};
 use bytes::Bytes;
 use proto::codec::decode_table;
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, PixelFormat};
 use proto::ids::{BoardKey, ContentId, Epoch, FrameNumber, ViewId};
-use proto::message::{BoardReport, FrameHeader, TileSink};
+use proto::message::{BoardReport, FrameHeader, TileSink, Timeline};
 use proto::piece::PieceKind;
 use proto::share::Share;
 use proto::view::{Pose, ViewSetup};
@@ -40,8 +42,8 @@ pub(super) enum Work {
     /// Keep the tables.
     Table(ContentId, Bytes),
     /// Draw these shares of a frame.
-    /// Its shares; `None`: the board has no place under its wiring, so it must not be thought ready with it.
-    Frame { header: Box<FrameHeader>, payload: Bytes, shares: Option<Vec<Share>> },
+    /// Its shares; `None`: the board has no place under its wiring, so it must not be thought ready with it. And when it came.
+    Frame { header: Box<FrameHeader>, payload: Bytes, shares: Option<Vec<Share>>, came: Instant },
     /// The queue to a compositor of that session.
     OutletUp(u64, TileSink, mpsc::Sender<Vec<Bytes>>),
     /// The queue to that compositor is no more.
@@ -60,7 +62,7 @@ pub(super) enum Painted {
     /// The tables are here.
     Loaded(ContentId),
     /// A frame is drawn and its tiles are queued.
-    Ready { frame: FrameNumber, epoch: Epoch, report: BoardReport },
+    Ready { frame: FrameNumber, epoch: Epoch, report: BoardReport, timeline: Timeline },
     /// What came can't be kept or drawn: the backplane's fault.
     Refused(String),
 }
@@ -140,6 +142,7 @@ impl Painter {
 struct Inputs {
     eye: Pose,
     environment: Environment,
+    debug: DebugPicture,
     /// Of lists, moved objects and weights.
     revision: u64,
     views: Vec<ViewSetup>,
@@ -176,6 +179,7 @@ struct Hand {
 struct Job {
     state: FrameState,
     inputs: Inputs,
+    came: Instant,
 }
 
 impl Hand {
@@ -230,7 +234,7 @@ impl Hand {
                 self.drawn = None;
                 self.answer(Painted::Loaded(scene));
             }
-            Work::Frame { header, payload, shares } => *job = self.follow(*header, &payload, shares)?,
+            Work::Frame { header, payload, shares, came } => *job = self.follow(*header, &payload, shares, came)?,
             Work::OutletUp(session, ..) if session != self.session => {}
             Work::OutletUp(_, sink, queue) => {
                 let key = sink.key;
@@ -258,6 +262,7 @@ impl Hand {
         header: FrameHeader,
         payload: &[u8],
         shares: Option<Vec<Share>>,
+        came: Instant,
     ) -> Result<Option<Job>, String> {
         if let Some(views) = &header.views {
             // Compositors clear their canvas when sizes or places change.
@@ -268,20 +273,23 @@ impl Hand {
         let store = &self.store;
         self.followed.take(&header, payload, store.subobjects(), |object| store.home(object))?;
         let Some(shares) = shares else { return Ok(None) };
-        let FrameState { eye, environment, .. } = header.state;
+        let FrameState { eye, environment, debug, .. } = header.state;
         let inputs = Inputs {
             eye,
             environment,
+            debug,
             revision: self.followed.revision(),
             views: self.followed.views.clone(),
             shares,
             format: header.format,
         };
-        Ok(Some(Job { state: header.state, inputs }))
+        Ok(Some(Job { state: header.state, inputs, came }))
     }
 
     fn paint(&mut self, job: Job) {
         let (frame, epoch) = (job.state.frame, job.state.epoch);
+        let _span = tracing::debug_span!("draw", frame = frame.0, epoch = epoch.0).entered();
+        let mut watch = Watch::new(job.came);
         let mut report = BoardReport::default();
         let is_same = self.drawn.as_ref().is_some_and(|drawn| drawn.inputs == job.inputs);
         // A view that this board no longer draws must not come back from here later.
@@ -307,8 +315,12 @@ impl Hand {
             }
             let Some(setup) = job.inputs.views.get(share.view.0 as usize) else { continue };
             let list = self.followed.list(share.view);
+            let begun = Instant::now();
             match self.renderer.draw(&self.store, &job.state, &setup.view, list, &share.part, &mut self.spare) {
-                Ok(stats) => count(&mut report, &stats),
+                Ok(stats) => {
+                    count(&mut report, &stats);
+                    watch.on_drawn(share.view, begun, &stats);
+                }
                 Err(error) => {
                     self.answer(Painted::Refused(error.to_string()));
                     return;
@@ -316,17 +328,23 @@ impl Hand {
             }
             let started = Instant::now();
             let before = self.pictures.entry(share.view).or_insert_with(|| blank(job.inputs.format));
+            // Only where that is a debug picture.
+            self.spare.darken_unchanged(before);
             std::mem::swap(before, &mut self.spare);
             let tiles = differing(before, &self.spare, job.inputs.format);
             report.tiles_unchanged += if is_behind { 0 } else { (before.tiles.len() - tiles.len()) as u64 };
             comparing += started.elapsed();
+            watch.on_transferred(Some(share.view), started);
             changed.insert(share.view, tiles);
         }
         let started = Instant::now();
         self.drawn = Some(Drawn { frame, epoch, inputs: job.inputs });
         report.tile_bytes = self.deliver(None, &changed);
         report.transfer_ns = (comparing + started.elapsed()).as_nanos() as u64;
-        self.answer(Painted::Ready { frame, epoch, report });
+        watch.on_transferred(None, started);
+        let timeline = watch.finish();
+        tracing::trace!(?report, ?timeline, "drawn");
+        self.answer(Painted::Ready { frame, epoch, report, timeline });
     }
 
     /// Queues the tiles of the drawn frame for the compositors. Returns the bytes.

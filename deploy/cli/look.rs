@@ -24,6 +24,31 @@ impl From<ModeArg> for proto::view::Mode {
     }
 }
 
+/// A debug picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DebugArg {
+    /// The picture itself
+    #[default]
+    Off,
+    /// How many faces cover each pixel
+    Depth,
+    /// Levels of detail
+    Levels,
+    /// Skipped work
+    Skips,
+}
+
+impl From<DebugArg> for proto::debug::DebugPicture {
+    fn from(debug: DebugArg) -> Self {
+        match debug {
+            DebugArg::Off => Self::Off,
+            DebugArg::Depth => Self::Depth,
+            DebugArg::Levels => Self::Levels,
+            DebugArg::Skips => Self::Skips,
+        }
+    }
+}
+
 /// Whether selection goes ahead of the tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -1,7 +1,7 @@
 //! Flags of the commands that take a scene and need no rig: `render`, `bake`, `inspect`, `scene`.
 
 use super::value::{boards, samples, simd, size};
-use super::{AirArgs, DetailArg, ModeArg};
+use super::{AirArgs, DebugArg, DetailArg, ModeArg};
 use clap::Args;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -42,6 +42,10 @@ pub(crate) struct RenderArgs {
     /// How the picture is shared between boards
     #[arg(long, value_enum, default_value_t)]
     pub mode: ModeArg,
+    /// Draw what drawing takes instead of the picture: depth: how many faces cover each pixel; levels: the picture in grey, tinted by levels of
+    /// detail; skips: by which shortcut each block and pixel is drawn, and what is hidden there. Colours: docs/console.md
+    #[arg(long, value_enum, default_value_t, value_name = "PICTURE")]
+    pub debug: DebugArg,
     /// The picture to write: .png (sRGB, 8 bits), .exr (linear, unclamped) or .rgb (bare pixels)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

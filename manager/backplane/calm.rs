@@ -3,6 +3,7 @@
 //! A frame in a while is opened all the same. It heals whatever went wrong unnoticed, such as tiles that were lost with a
 //! compositor's link, within that while.
 
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, PixelFormat};
 use proto::ids::{BoardKey, Epoch};
 use proto::time::Time;
@@ -19,6 +20,7 @@ const WHILE: Duration = Duration::from_secs(1);
 pub(crate) struct Shown {
     pub eye: Pose,
     pub environment: Environment,
+    pub debug: DebugPicture,
     pub format: PixelFormat,
     pub epoch: Epoch,
     pub compositors: Vec<BoardKey>,
@@ -66,15 +68,9 @@ mod tests {
 
     fn shown(revision: u64) -> Shown {
         let environment = Environment::default();
-        let format = PixelFormat::Srgb8;
-        Shown {
-            eye: Pose::IDENTITY,
-            environment,
-            format,
-            epoch: Epoch(1),
-            compositors: Vec::new(),
-            revisions: vec![revision],
-        }
+        let (format, debug) = (PixelFormat::Srgb8, DebugPicture::Off);
+        let (eye, epoch) = (Pose::IDENTITY, Epoch(1));
+        Shown { eye, environment, debug, format, epoch, compositors: Vec::new(), revisions: vec![revision] }
     }
 
     #[test]

@@ -249,7 +249,7 @@ impl Engine {
         }
         let clock = clock(&config, FrameNumber(0), director.views().len());
         let ahead = Ahead::new(config.select_ahead);
-        let leadership = Leadership::new(config.stands_by_for.is_some());
+        let leadership = Leadership::new(config.stands_by_for.as_deref());
         Self {
             config,
             content,
@@ -429,7 +429,7 @@ impl Engine {
                     outbox,
                 );
             }
-            Role::Backplane => self.on_peer(key, &format!("{} ({from})", hello.name), outbox),
+            Role::Backplane => self.on_peer(key, &hello.name, from, outbox),
         }
     }
 
@@ -476,12 +476,12 @@ impl Engine {
             FromBoard::Stored => self.on_stored(key, payload),
             FromBoard::Loaded { scene } => self.on_loaded(key, scene),
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
-            FromBoard::Ready { frame, epoch, report } => {
+            FromBoard::Ready { frame, epoch, report, timeline } => {
                 self.statistics.on_board_report(&report);
                 if let Some((_, at)) = self.sent.iter().find(|(sent, _)| *sent == frame) {
                     self.ahead.on_drawn(now.since(*at));
                 }
-                self.traces.on_ready(now, frame, key, &board.name, &report);
+                self.traces.on_ready(now, frame, key, &board.name, &report, timeline);
                 tracing::trace!(frame = frame.0, epoch = epoch.0, board = %board.name, ?report, "ready");
                 self.chain.on_ready(now, key, epoch, report.drawing());
                 self.clock.on_ready(now, key, frame, epoch);

@@ -5,6 +5,7 @@
 use super::statistics::{EventEntry, LinkBytes, STAGES, TimeCounts, Totals};
 use super::trace::FrameTrace;
 use proto::chain::Wiring;
+use proto::debug::DebugPicture;
 use proto::ids::{BoardKey, FrameNumber};
 use proto::time::Time;
 use proto::view::ViewSetup;
@@ -48,6 +49,20 @@ pub(crate) struct BoardLine {
     pub memory: Option<[u64; 3]>,
 }
 
+/// Which of two managers this is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct LeadLine {
+    pub leads: bool,
+    /// By which term it leads, or of the highest that it has heard of; 0: of none.
+    pub term: u64,
+    /// When it began to lead, or to stand by.
+    pub since: Time,
+    /// The other manager, if there is a link to it, and since when.
+    pub other: Option<(Arc<str>, Time)>,
+    /// For whom it stands by.
+    pub of: Option<Arc<str>>,
+}
+
 /// See the module's head.
 #[derive(Clone, Debug)]
 pub(crate) struct Live {
@@ -60,6 +75,8 @@ pub(crate) struct Live {
     /// Pixels of the picture, each way, that one pixel drawn stands for.
     pub scale: u32,
     pub is_paused: bool,
+    pub debug: DebugPicture,
+    pub lead: LeadLine,
     /// When a frame was last on the displays, or left as it was because nothing had changed.
     pub shown: Option<Time>,
     pub epoch: u64,
@@ -105,6 +122,8 @@ pub(crate) enum Command {
     Mode(proto::view::Mode),
     /// Look at so many points of each pixel.
     Samples(proto::view::Samples),
+    /// Draw that in place of the picture.
+    Debug(DebugPicture),
 }
 
 /// Why a command isn't carried out; nothing has changed.
@@ -120,4 +139,6 @@ pub(crate) enum CommandError {
     NotOut(Arc<str>),
     #[error("the rig is not paused; pause it to go step by step")]
     NotPaused,
+    #[error("this manager stands by for {0}, which leads: use the console there")]
+    StandsBy(Arc<str>),
 }

@@ -1,13 +1,14 @@
 //! What the last frames did, and when: for the console's chart and for traces.
 //!
 //! A ring of frames, each written while it is made: opened, ready board by board, swapped, shown. Whoever wants to know gets the frames
-//! themselves, shared, not copied, so that being watched costs the engine next to nothing. Boards say how long each of their stages took,
-//! not when it began; the order of stages is fixed, so their end, which is when the manager heard of it, tells both.
+//! themselves, shared, not copied, so that being watched costs the engine next to nothing. Boards say when they did what by their own clocks
+//! ([`Timeline`]); what is known by the manager's is when it had sent them the frame and when it heard that they were ready.
 
 #![cfg_attr(not(feature = "console"), allow(dead_code, reason = "only the console reads it"))]
 
 use proto::ids::{BoardKey, FrameNumber};
-use proto::message::BoardReport;
+use proto::limits;
+use proto::message::{BoardReport, Timeline};
 use proto::time::Time;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -25,6 +26,7 @@ pub(crate) struct Drawn {
     /// When the manager heard that it was ready.
     pub ready: Time,
     pub report: BoardReport,
+    pub timeline: Timeline,
 }
 
 /// A frame.
@@ -36,6 +38,8 @@ pub(crate) struct FrameTrace {
     pub opened: Time,
     pub select: Duration,
     pub stream: Duration,
+    /// When its messages were queued.
+    pub sent: Time,
     /// In the order in which they were ready.
     pub boards: Vec<Drawn>,
     pub swapped: Option<Time>,
@@ -59,13 +63,14 @@ impl Traces {
         }
         let (stream, boards) = (Duration::ZERO, Vec::new());
         let (swapped, presented) = (None, None);
-        let trace = FrameTrace { frame, received, opened, select, stream, boards, swapped, repeated: 0, presented };
+        let (sent, repeated) = (opened, 0);
+        let trace = FrameTrace { frame, received, opened, select, stream, sent, boards, swapped, repeated, presented };
         self.frames.push_back(Arc::new(trace));
     }
 
     /// Its messages are queued, which took so long.
-    pub(crate) fn on_sent(&mut self, frame: FrameNumber, stream: Duration) {
-        self.change(frame, |trace| trace.stream = stream);
+    pub(crate) fn on_sent(&mut self, now: Time, frame: FrameNumber, stream: Duration) {
+        self.change(frame, |trace| (trace.stream, trace.sent) = (stream, now));
     }
 
     /// A board is ready with it.
@@ -76,8 +81,10 @@ impl Traces {
         key: BoardKey,
         board: &Arc<str>,
         report: &BoardReport,
+        mut timeline: Timeline,
     ) {
-        let drawn = Drawn { key, board: Arc::clone(board), ready: now, report: *report };
+        timeline.stages.truncate(limits::STAGE_SPANS_MAX);
+        let drawn = Drawn { key, board: Arc::clone(board), ready: now, report: *report, timeline };
         // Once each, whatever a board says.
         self.change(frame, |trace| {
             if trace.boards.iter().all(|other| other.key != key) {
@@ -135,9 +142,9 @@ mod tests {
     fn fly(traces: &mut Traces, frame: u64) {
         let (number, at) = (FrameNumber(frame), Time(frame * 16 * MS));
         traces.on_open(number, Some(at), at, Duration::from_micros(100));
-        traces.on_sent(number, Duration::from_micros(20));
+        traces.on_sent(Time(at.0 + MS), number, Duration::from_micros(20));
         let report = BoardReport { raster_ns: 3 * MS, ..BoardReport::default() };
-        traces.on_ready(Time(at.0 + 4 * MS), number, BoardKey(1), &"a".into(), &report);
+        traces.on_ready(Time(at.0 + 4 * MS), number, BoardKey(1), &"a".into(), &report, Timeline::default());
         traces.on_swap(Time(at.0 + 5 * MS), number, 0);
         traces.on_presented(Time(at.0 + 6 * MS), number, Duration::from_micros(300));
     }
@@ -169,10 +176,13 @@ mod tests {
         let mut traces = Traces::default();
         let (frame, name) = (FrameNumber(3), "a".into());
         traces.on_open(frame, None, Time(0), Duration::ZERO);
-        (0..2).for_each(|k| traces.on_ready(Time(k), frame, BoardKey(1), &name, &BoardReport::default()));
+        let ready = |traces: &mut Traces, at| {
+            traces.on_ready(Time(at), frame, BoardKey(1), &name, &BoardReport::default(), Timeline::default());
+        };
+        (0..2).for_each(|k| ready(&mut traces, k));
         let held = traces.all();
         traces.on_open(frame, None, Time(9), Duration::ZERO);
-        traces.on_ready(Time(10), frame, BoardKey(1), &name, &BoardReport::default());
+        ready(&mut traces, 10);
         let ready: Vec<_> = traces.all().iter().map(|trace| trace.boards.len()).collect();
         assert_eq!(ready, [1, 1]);
         assert_eq!(held.len(), 1, "what somebody reads doesn't change under him");

@@ -1,5 +1,6 @@
 //! What can be changed while a rig runs (`POST /api/v1/control`), one thing at a time: `{"do": "pause"}`, `resume`, `step`; `{"do": "take_out", "board":
-//! KEY}`, `put_back`; `{"do": "mode", "mode": "interleave"}` or `region`; `{"do": "samples", "samples": "16"}`.
+//! KEY}`, `put_back`; `{"do": "mode", "mode": "interleave"}` or `region`; `{"do": "samples", "samples": "16"}`; `{"do":
+//! "debug", "picture": "depth"}`, `levels`, `skips` or `off`.
 
 use super::{Room, problem};
 use crate::backplane::live::Command;
@@ -7,6 +8,7 @@ use axum::body::Bytes;
 use axum::extract::{ConnectInfo, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
+use proto::debug::DebugPicture;
 use proto::ids::BoardKey;
 use proto::view::{Mode, Samples};
 use serde::Deserialize;
@@ -24,6 +26,7 @@ enum Asked {
     PutBack { board: u64 },
     Mode { mode: ModeName },
     Samples { samples: String },
+    Debug { picture: String },
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -46,6 +49,12 @@ impl Asked {
             Self::Samples { samples } => {
                 let found = Samples::from_name(&samples);
                 Command::Samples(found.ok_or_else(|| format!("samples {samples:?}: possible are {}", Samples::NAMES))?)
+            }
+            Self::Debug { picture } => {
+                let found = DebugPicture::from_name(&picture);
+                Command::Debug(
+                    found.ok_or_else(|| format!("debug picture {picture:?}: possible are {}", DebugPicture::NAMES))?,
+                )
             }
         })
     }
@@ -100,6 +109,7 @@ mod tests {
         assert_eq!(ask(r#"{"do": "take_out", "board": 7}"#), Ok(Command::TakeOut(BoardKey(7))));
         assert_eq!(ask(r#"{"do": "mode", "mode": "region"}"#), Ok(Command::Mode(Mode::Region)));
         assert_eq!(ask(r#"{"do": "samples", "samples": "exact"}"#), Ok(Command::Samples(Samples::Exact)));
+        assert_eq!(ask(r#"{"do": "debug", "picture": "skips"}"#), Ok(Command::Debug(DebugPicture::Skips)));
     }
 
     #[test]
@@ -110,6 +120,7 @@ mod tests {
             (r#"{"do": "take_out"}"#, "missing field `board`"),
             (r#"{"do": "take_out", "board": -1}"#, "invalid value"),
             (r#"{"do": "samples", "samples": "2"}"#, "possible are 1, 4, 8, 16, 64 or exact"),
+            (r#"{"do": "debug", "picture": "x"}"#, "possible are off, depth, levels or skips"),
             (r#"{"do": "mode", "mode": "groups"}"#, "unknown variant `groups`"),
         ] {
             let (status, error) = ask(body).unwrap_err();

@@ -44,6 +44,9 @@ fn unavailable(silence: Silence) -> Answer {
 
 /// What keeps pictures from being shown. A rig that somebody has paused is ready: who takes it away from him can't go on.
 pub(super) fn missing(live: &Live) -> Option<String> {
+    if let Some(of) = &live.lead.of {
+        return Some(format!("this manager stands by for {of}, which leads"));
+    }
     if live.row == 0 {
         return Some("no board is in the row".into());
     }

@@ -136,7 +136,7 @@ mod tests {
     use super::*;
     use crate::backplane::trace::Traces;
     use proto::ids::{BoardKey, FrameNumber};
-    use proto::message::BoardReport;
+    use proto::message::{BoardReport, Timeline};
     use std::time::Duration;
 
     #[test]
@@ -147,10 +147,11 @@ mod tests {
             let (number, at) = (FrameNumber(frame), Time((10 + 20 * frame) * MS));
             let received = (frame > 1).then_some(Time(at.0 - 6 * MS));
             traces.on_open(number, received, at, Duration::from_millis(1));
-            traces.on_sent(number, Duration::from_millis(1));
+            traces.on_sent(at, number, Duration::from_millis(1));
             for (key, raster) in [(1, 2), (2, 5)] {
                 let report = BoardReport { raster_ns: raster * MS, transfer_ns: MS, ..BoardReport::default() };
-                traces.on_ready(Time(at.0 + (3 + raster) * MS), number, BoardKey(key), &"b".into(), &report);
+                let (ready, timeline) = (Time(at.0 + (3 + raster) * MS), Timeline::default());
+                traces.on_ready(ready, number, BoardKey(key), &"b".into(), &report, timeline);
             }
             traces.on_swap(Time(at.0 + 9 * MS), number, u32::from(frame == 3));
         }

@@ -44,11 +44,17 @@ use pictures::Pictures;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 /// How much the console's thread yields to others (nice): beside threads that are busy it gets a tenth of what one of them does.
 const NICE: i32 = 10;
+
+/// How long who asks for a picture waits for a newer one than there is, for the first, and how often it is looked for.
+const PATIENCE_WITH_OLD: Duration = Duration::from_millis(500);
+const PATIENCE_WITHOUT: Duration = Duration::from_secs(2);
+const PICTURE_PERIOD: Duration = Duration::from_millis(45);
 
 /// Nothing from elsewhere, no scripts but the files, and nobody frames the page.
 const POLICY: &str = "default-src 'none'; img-src 'self'; style-src 'self'; script-src 'self'; connect-src 'self'; \
@@ -164,9 +170,20 @@ impl IntoResponse for Silence {
     }
 }
 
+/// `GET /picture.jpg`. What the engine has may be from long ago, or not be there yet; asking has one made, which is waited for shortly.
 async fn picture(State(room): State<Arc<Room>>) -> Result<Response, Silence> {
-    let Some((frame, jpeg)) = room.desk.picture().await? else {
-        return Ok((StatusCode::NOT_FOUND, problem("no picture yet; ask again in a moment")).into_response());
+    let first = room.desk.picture().await?;
+    let old = first.as_ref().map(|(frame, _)| *frame);
+    let patience = if first.is_some() { PATIENCE_WITH_OLD } else { PATIENCE_WITHOUT };
+    let (started, mut newest) = (Instant::now(), first);
+    while newest.as_ref().map(|(frame, _)| *frame) == old && started.elapsed() < patience {
+        tokio::time::sleep(PICTURE_PERIOD).await;
+        newest = room.desk.picture().await?;
+    }
+    let Some((frame, jpeg)) = newest else {
+        let problem =
+            problem("there is no picture yet: no frame has been shown as a whole; /ready says what is missing");
+        return Ok((StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "1")], problem).into_response());
     };
     let mut headers = HeaderMap::new();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("image/jpeg"));

@@ -3,15 +3,16 @@
 use super::history::{History, Sample};
 use super::state::State;
 use crate::backplane::desk::{Desk, Silence};
-use std::sync::{Arc, Mutex, PoisonError};
+use axum::extract::ws::Utf8Bytes;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
 
 /// How often it looks: as often as a person can read.
 const PERIOD: Duration = Duration::from_millis(250);
 
-/// What viewers are told, as text; `None` at first.
-pub(super) type Told = Option<Arc<str>>;
+/// What viewers are told, as text, which all share; `None` at first.
+pub(super) type Told = Option<Utf8Bytes>;
 
 /// See the module's head.
 #[derive(Debug)]

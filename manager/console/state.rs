@@ -1,10 +1,12 @@
 //! What a viewer is told four times a second: computed here, from what the engine said, off its thread.
 
-use crate::backplane::live::{BoardLine, BoardState, Live};
+use crate::backplane::live::{BoardLine, BoardState, LeadLine, Live};
 use crate::backplane::statistics::{EventEntry, Totals};
+use proto::debug::LegendEntry;
 use proto::frame::tile_grid;
 use proto::ids::{BoardId, BoardKey};
 use proto::share::{Part, shares};
+use proto::time::Time;
 use proto::view::{Mode, ViewSetup};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -13,6 +15,8 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Doing {
+    /// Another manager leads.
+    StandsBy,
     /// No board is in the row.
     NoBoards,
     /// There are boards, and nobody to show what they draw.
@@ -64,11 +68,34 @@ struct View {
     mode: &'static str,
 }
 
+/// What boards draw in place of the picture, and what its colours mean.
+#[derive(Clone, Debug, Serialize)]
+struct Debug {
+    picture: &'static str,
+    legend: &'static [LegendEntry],
+}
+
+/// Which of two managers this is.
+#[derive(Clone, Debug, Serialize)]
+struct Lead {
+    leads: bool,
+    /// For whom it stands by.
+    of: Option<String>,
+    term: u64,
+    /// When it began to lead, or to stand by.
+    since_s: f64,
+    /// Where the other manager is, and since when there is a link to it.
+    other: Option<String>,
+    other_since_s: Option<f64>,
+}
+
 /// See the module's head.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct State {
     time_s: f64,
     doing: Doing,
+    lead: Lead,
+    debug: Debug,
     frame: Option<u64>,
     /// Nominal; `None`: lock-step, where frames come as poses do.
     rate_hz: Option<f64>,
@@ -112,8 +139,10 @@ impl State {
             mode: mode_name(setup.mode),
         };
         Self {
-            time_s: (live.now.0 as f64 / 1e6).round() / 1e3,
+            time_s: seconds(live.now),
             doing: doing(live),
+            lead: lead(live),
+            debug: Debug { picture: live.debug.name(), legend: live.debug.legend() },
             frame: live.frame.map(|frame| frame.0),
             rate_hz: live.period.map(|period| (1e3 / period.as_secs_f64()).round() / 1e3),
             divider: live.divider,
@@ -136,9 +165,27 @@ impl State {
     }
 }
 
+/// To the millisecond.
+fn seconds(at: Time) -> f64 {
+    (at.0 as f64 / 1e6).round() / 1e3
+}
+
+fn lead(live: &Live) -> Lead {
+    let LeadLine { leads, term, since, other, of } = &live.lead;
+    Lead {
+        leads: *leads,
+        of: of.as_ref().map(ToString::to_string),
+        term: *term,
+        since_s: seconds(*since),
+        other: other.as_ref().map(|(at, _)| at.to_string()),
+        other_since_s: other.as_ref().map(|(_, since)| seconds(*since)),
+    }
+}
+
 fn doing(live: &Live) -> Doing {
     let is_shown = live.shown.is_some_and(|at| live.now.since(at) < super::health::shown_within(live));
     match () {
+        () if !live.lead.leads => Doing::StandsBy,
         () if live.row == 0 => Doing::NoBoards,
         () if !live.has_compositor => Doing::NoCompositor,
         () if live.is_paused => Doing::Paused,

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The only process that is told of: what others did is told by the manager, by its clock.
+/// The only process that is told of: what others did is told by the manager's clock.
 const PROCESS: u32 = 1;
 
 fn title(track: &Track) -> String {
@@ -52,7 +52,8 @@ fn write(spans: &[Span]) -> Value {
         };
         event(span.name, span.begin_ns, span.end_ns, &span.notes);
         for stage in &span.stages {
-            event(stage.name, stage.begin_ns, stage.end_ns, &[]);
+            let view = stage.view.map(|view| ("view", u64::from(view)));
+            event(stage.name, stage.begin_ns, stage.end_ns, view.as_slice());
         }
     }
     json!({"displayTimeUnit": "ms", "traceEvents": events})

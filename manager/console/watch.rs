@@ -8,7 +8,7 @@ use super::Room;
 use super::access::Denied;
 use super::pictures::Waiting;
 use axum::extract::State;
-use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
@@ -80,7 +80,7 @@ async fn serve(mut socket: WebSocket, room: &Room) -> Option<()> {
                 changed.ok()?;
                 let text = told.borrow_and_update().clone();
                 if let Some(text) = text {
-                    send(&mut socket, Message::Text(Utf8Bytes::from(&*text))).await?;
+                    send(&mut socket, Message::Text(text)).await?;
                 }
             }
             changed = pictures.changed(), if waiting.is_some() => {

@@ -16,6 +16,7 @@ use glam::{DQuat, DVec3};
 use manager::host::camera::CameraPose;
 use manager::scene::{Entities, Scene, builtin, import};
 use manager::select::{Dispatch, Selector, Sight};
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, VersionWeights};
 use proto::ids::{Epoch, FrameNumber};
 use proto::share::{Lattice, Part};
@@ -41,6 +42,7 @@ fn asked() -> usize {
 }
 
 /// A pose with all that is made of it before a frame begins.
+#[derive(Clone)]
 struct Stop {
     state: FrameState,
     pose: CameraPose,
@@ -51,7 +53,13 @@ struct Stop {
 impl Stop {
     fn new(scene: &Scene, pose: &CameraPose) -> Self {
         let environment = Environment { scene_lights: true, visibility_m: Some(20_000.0), ..Environment::default() };
-        let state = FrameState { frame: FrameNumber(0), epoch: Epoch(1), eye: pose.pose().unwrap(), environment };
+        let state = FrameState {
+            frame: FrameNumber(0),
+            epoch: Epoch(1),
+            eye: pose.pose().unwrap(),
+            environment,
+            debug: DebugPicture::Off,
+        };
         let mut entities = Entities::new(scene);
         for entity in &pose.entities {
             let at = Pose::checked(DVec3::from_array(entity.position), DQuat::from_array(entity.orientation));
@@ -129,6 +137,16 @@ fn a_frame_allocates_nothing_once_its_flight_was_flown(name: &str) {
             println!("{name}, {threads} threads, {samples}: [select, draw] {first:?}, then {second:?}");
             let is_quiet = second.iter().all(|counts| *counts == [0, 0]);
             assert!(is_quiet, "{name}, {threads} threads, {samples}: memory was asked for {second:?} times");
+        }
+        // What debug pictures need comes on top.
+        for debug in DebugPicture::ALL.into_iter().filter(|debug| *debug != DebugPicture::Off) {
+            let stops: Vec<_> =
+                stops.iter().map(|stop| Stop { state: FrameState { debug, ..stop.state }, ..stop.clone() }).collect();
+            let mut flight =
+                || fly(&scene, &mut store, &stops, Samples::One, lists, &mut selector, &mut renderer, &mut out);
+            let (_, second) = (flight(), flight());
+            let is_quiet = second.iter().all(|counts| *counts == [0, 0]);
+            assert!(is_quiet, "{name}, {threads} threads, {debug:?}: memory was asked for {second:?} times");
         }
     }
 }

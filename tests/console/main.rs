@@ -16,6 +16,9 @@ mod otlp;
 mod page;
 mod stream;
 
+#[path = "../picture/towers.rs"]
+mod towers;
+
 #[path = "../rig/program.rs"]
 #[allow(dead_code, reason = "what all suites share; each uses a part")]
 mod program;

@@ -1,6 +1,6 @@
 //! What monitoring reads: metrics and the dashboard that is drawn from them, health, traces, logs.
 
-use crate::program::{Rig, cyclorama, get, kill, wait_for};
+use crate::program::{Rig, cyclorama, daemon, get, kill, manager, wait_for};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
@@ -172,6 +172,15 @@ fn a_trace_holds_frames_boards_and_stages_in_order() {
     for stage in ["select", "stream", "draw", "geometry", "raster", "resolve", "transfer", "stitch", "wait"] {
         assert!(stages.contains(stage), "{stage} of {stages:?}");
     }
+    // Each stage says of which view it is, and all that a board did between them is little: they are measured, not laid end to end.
+    let views: BTreeSet<u64> = spans
+        .iter()
+        .filter(|span| span["name"] == "raster")
+        .map(|span| span["args"]["view"].as_u64().unwrap())
+        .collect();
+    assert_eq!(views, BTreeSet::from([0, 1]));
+    let queued = spans.iter().filter(|span| span["name"] == "queue").count();
+    assert!(queued > 10, "{queued} of the boards' frames waited for the painter");
     // What a board drew lies within its frame.
     let of = |name: &str, frame: &Value| {
         spans
@@ -185,6 +194,30 @@ fn a_trace_holds_frames_boards_and_stages_in_order() {
     for (begin, end) in of("draw", &whole["args"]["frame"]) {
         assert!(begin >= opened - 0.01 && end <= swapped + 0.01, "{begin} to {end} of {opened} to {swapped}");
     }
+}
+
+#[test]
+fn a_picture_is_waited_for_and_never_black() {
+    let scene = ["--scene", "airport", "--views", "1", "--size", "96x64", "--samples", "1"];
+    let ports = ["--listen", "127.0.0.1:0", "--pose-listen", "127.0.0.1:0", "--console", "127.0.0.1:0"];
+    let (_manager, [backplane, _, console]) = manager(&[&scene[..], &ports].concat());
+    // Nobody is there to draw one.
+    let (head, body) = get(console, "/picture.jpg").unwrap();
+    assert!(head.starts_with("HTTP/1.1 503") && head.to_lowercase().contains("retry-after: 1"), "{head}");
+    assert!(String::from_utf8_lossy(&body).contains("no frame has been shown as a whole"), "{body:?}");
+    let backplane = backplane.to_string();
+    let _others = [
+        daemon(&["compositor", "--backplane", &backplane]),
+        daemon(&["channel", "--backplane", &backplane, "--threads", "1"]),
+    ];
+    // Whoever asks again and again gets no black one first.
+    let jpeg = wait_for("the first picture", || {
+        let (head, body) = get(console, "/picture.jpg")?;
+        head.starts_with("HTTP/1.1 200").then_some(body)
+    });
+    let picture = image::load_from_memory(&jpeg).unwrap().into_rgb8();
+    let black = picture.pixels().filter(|pixel| pixel.0.iter().all(|value| *value < 24)).count();
+    assert!(black < 96 * 64 / 10, "{black} black pixels of the airport by day");
 }
 
 /// A manager whose log is read.

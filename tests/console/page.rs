@@ -1,7 +1,8 @@
 //! The page in a real browser: what it shows is what the rig does, and everybody can use it.
 
+use crate::access::request;
 use crate::browser::Page;
-use crate::program::{Daemon, Rig, daemon, kill, wait_for};
+use crate::program::{Daemon, Rig, daemon, get, kill, manager, wait_for};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -226,6 +227,119 @@ fn tiles_by_owner_tint_the_picture() {
     assert_eq!(page.errors(), Vec::<String>::new());
 }
 
+/// The pixels of the picture that have a colour of the legend shown, of all; a JPEG's colours are off by a little.
+const LIKE_LEGEND: &str = "(() => { const c = document.getElementById('picture'), copy = new OffscreenCanvas(c.width, c.height), g = copy.getContext('2d'); \
+    g.drawImage(c, 0, 0); const p = g.getImageData(0, 0, c.width, c.height).data; \
+    const known = [...document.querySelectorAll('#debug-legend i')].map(i => getComputedStyle(i).backgroundColor.match(/\\d+/g).map(Number)); let n = 0; \
+    for (let i = 0; i < p.length; i += 4) if (known.some(k => Math.hypot(k[0] - p[i], k[1] - p[i + 1], k[2] - p[i + 2]) < 30)) n++; return 4 * n / p.length; })()";
+
+#[test]
+fn debug_pictures_are_drawn_by_the_boards_and_go_with_one_press() {
+    let args = ["--views", "1", "--boards", "2", "--size", "320x180", "--samples", "1"];
+    let Some((rig, mut page)) = open(&args, DESK) else { return };
+    page.wait("controls", "!document.querySelector('#debugs button').disabled");
+    page.click("#pause");
+    page.wait("paused", "document.getElementById('doing').textContent === 'PAUSED'");
+    let still = |page: &mut Page| {
+        wait_for("a still picture", || {
+            let now = page.value(PICTURE);
+            std::thread::sleep(std::time::Duration::from_millis(300));
+            (page.value(PICTURE) == now).then_some(now)
+        })
+    };
+    let plain = still(&mut page);
+    let legend = "[...document.querySelectorAll('#debug-legend li')].map(li => li.textContent).join('|')";
+    for (picture, means) in [("depth", "17 to 32"), ("levels", "level 0, the finest"), ("skips", "not sent again")] {
+        page.click(&format!("#debugs [data-picture={picture}]"));
+        page.wait(
+            "the legend",
+            &format!("{legend}.includes('{means}') && !document.getElementById('debug-legend').hidden"),
+        );
+        page.wait("it is said", "document.getElementById('debug-note').textContent.includes('displays show it too')");
+        wait_for("another picture", || (page.value(PICTURE) != plain).then_some(()));
+        let shown = still(&mut page);
+        assert_ne!(shown, plain, "{picture}");
+        if picture != "levels" {
+            // Of the legend's colours and no others, but for where they meet.
+            let share = wait_for("its colours", || page.value(LIKE_LEGEND).as_f64().filter(|share| *share > 0.5));
+            println!("{picture}: {share:.2} of the pixels have colours of the legend");
+        }
+        assert_eq!(live(&rig)["debug"]["picture"], picture);
+    }
+    let (_, metrics) = rig.get("/metrics").unwrap();
+    assert!(String::from_utf8_lossy(&metrics).contains("cyclorama_debug_picture 1"));
+    page.click("#debugs [data-picture=off]");
+    page.wait(
+        "no legend",
+        "document.getElementById('debug-legend').hidden && !document.getElementById('debug-note').textContent",
+    );
+    assert_eq!(live(&rig)["debug"]["picture"], "off");
+    page.click("#pause");
+    rig.wait("flight", |stats| stats["dropped"]["boards"] == 0);
+    let log = rig.stats().unwrap()["events"].to_string();
+    assert!(
+        log.contains("debug picture skips from the next frame on, on the displays too (console, 127.0.0.1)"),
+        "{log}"
+    );
+    assert_eq!(page.errors(), Vec::<String>::new());
+}
+
+/// Two managers, of which the second stands by for the first: backplane and console of each.
+fn two_managers() -> [(Daemon, [std::net::SocketAddr; 3]); 2] {
+    let scene = ["--scene", "runway", "--views", "1", "--size", "96x64", "--samples", "1"];
+    let ports = ["--listen", "127.0.0.1:0", "--pose-listen", "127.0.0.1:0", "--console", "127.0.0.1:0"];
+    let first = manager(&[&scene[..], &ports].concat());
+    let leader = first.1[0].to_string();
+    let second = manager(&[&scene[..], &ports, &["--standby", &leader]].concat());
+    [first, second]
+}
+
+#[test]
+fn consoles_say_who_leads_and_who_stands_by() {
+    let [(_first, [_, _, leads]), (second, [_, _, stands])] = two_managers();
+    let lead = |console| -> Option<Value> {
+        serde_json::from_slice::<Value>(&get(console, "/api/v1/live")?.1).ok().map(|live| live["lead"].clone())
+    };
+    let said = wait_for("a stand-by", || lead(leads).filter(|lead| !lead["other"].is_null()));
+    assert_eq!((&said["leads"], &said["of"], &said["other"]), (&json!(true), &Value::Null, &json!("127.0.0.1")));
+    let said = wait_for("a leader", || lead(stands).filter(|lead| lead["term"] != 0));
+    assert_eq!(said["leads"], false);
+    assert!(said["of"].as_str().unwrap().starts_with("127.0.0.1:"), "{said}");
+    let metric = |console, line: &str| {
+        wait_for(line, || String::from_utf8_lossy(&get(console, "/metrics")?.1).contains(line).then_some(()));
+    };
+    metric(leads, "\ncyclorama_leads 1");
+    metric(leads, "\ncyclorama_standby 1");
+    metric(stands, "\ncyclorama_leads 0");
+    let (head, why) = get(stands, "/ready").unwrap();
+    assert!(head.starts_with("HTTP/1.1 503") && String::from_utf8_lossy(&why).contains("stands by for 127.0.0.1:"));
+    let headers = [("Content-Type", "application/json")];
+    let (status, why) =
+        request(stands, "POST", "/api/v1/control", &headers, r#"{"do": "debug", "picture": "depth"}"#).unwrap();
+    assert!(status == 409 && why.contains("which leads: use the console there"), "{status} {why}");
+
+    let Some(mut page) = Page::open(&format!("http://{stands}/"), PHONE) else { return };
+    page.wait("its part", "document.getElementById('doing').textContent === 'STANDS BY'");
+    page.wait("for whom", "document.getElementById('lead').textContent.startsWith('stands by for 127.0.0.1:')");
+    assert_eq!(
+        page.value(
+            "[...document.querySelectorAll('.controls .pair button, #apply, #debugs button')].every(b => b.disabled)"
+        ),
+        true
+    );
+    let widths = page.value("[document.documentElement.scrollWidth, innerWidth]");
+    assert_eq!(widths, json!([PHONE.0, PHONE.0]));
+    drop(page);
+    let Some(mut page) = Page::open(&format!("http://{leads}/"), DESK) else { return };
+    page.wait(
+        "its term",
+        "/^leads, term [0-9,]+; stand-by at 127.0.0.1 for /.test(document.getElementById('lead').textContent)",
+    );
+    drop(second);
+    page.wait("it is gone", "document.getElementById('lead').textContent.endsWith('; no stand-by')");
+    assert_eq!(page.errors(), Vec::<String>::new());
+}
+
 #[test]
 fn nothing_overflows_on_a_phone_or_a_desk() {
     let Some((_rig, mut page)) = open(&SMALL, PHONE) else { return };
@@ -368,6 +482,35 @@ fn pictures_for_the_docs() {
     shoot("console-phone.png", PHONE, &json!({"format": "png"}));
     for name in ["console.png", "console-phone.png"] {
         assert!(std::fs::metadata(folder.join(name)).unwrap().len() < 400_000, "{name} is for a page of text");
+    }
+}
+
+#[test]
+fn debug_pictures_for_the_docs() {
+    let Some(folder) = std::env::var_os("CYCLORAMA_SCREENSHOTS") else { return };
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
+    let scenes = tempfile::tempdir().unwrap();
+    let towers = crate::towers::write(scenes.path()).map(|path| path.to_str().unwrap().to_owned());
+    let towers = [towers[0].as_str(), "--camera", &towers[1]];
+    // Slowly: a picture of a tile that wasn't sent again needs frames that are alike.
+    let rig = ["--views", "1", "--boards", "2", "--size", "640x360", "--samples", "4", "--rate", "5"];
+    for (picture, scene) in [("depth", &["airport"][..]), ("levels", &towers[..]), ("skips", &["airport"][..])] {
+        let Some((rig, mut page)) = open(&[scene, &rig].concat(), (1160, 900)) else { return };
+        page.wait("controls", "!document.querySelector('#debugs button').disabled");
+        rig.wait("a while of flight", |stats| stats["seconds"].as_f64() > Some(6.0));
+        page.click(&format!("#debugs [data-picture={picture}]"));
+        page.wait("its legend", "!document.getElementById('debug-legend').hidden");
+        std::thread::sleep(std::time::Duration::from_secs(3));
+        let place = page.value(
+            "(() => { const e = document.getElementById('look'); e.scrollIntoView(); const r = e.getBoundingClientRect(); \
+             return [r.x, r.y + scrollY, r.width, r.height]; })()",
+        );
+        let clip = json!({"x": place[0], "y": place[1], "width": place[2], "height": place[3], "scale": 1});
+        let shot = json!({"format": "png", "clip": clip, "captureBeyondViewport": true});
+        let shot = page.call("Page.captureScreenshot", &shot);
+        let png = base64(shot["data"].as_str().unwrap());
+        assert!(png.len() < 400_000, "{} bytes are too many for a page of text", png.len());
+        std::fs::write(folder.join(format!("debug-{picture}.png")), png).unwrap();
     }
 }
 

@@ -5,7 +5,7 @@
 //! instruction set some of them. With `CYCLORAMA_BYTES=full` it takes the whole product, on all built-in scenes. What this
 //! machine lacks (NEON, or AVX-512) is untested.
 
-use crate::render;
+use crate::{render, towers};
 use channel::simd::SimdLevel;
 use std::path::Path;
 
@@ -66,5 +66,44 @@ fn the_benchmark_scenes_are_the_same_for_any_boards_modes_and_threads() {
     // A million triangles take a while to make; the ordinary run leaves them to the others' likeness.
     if is_full() {
         same("dense", "30", "4", "240x135");
+    }
+}
+
+#[test]
+fn debug_pictures_are_the_same_for_any_boards_modes_and_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let [towers, camera] = towers::write(folder.path());
+    let camera = ["--camera", camera.to_str().unwrap()];
+    let towers = towers.to_str().unwrap();
+    let airport = ["--pose", "500"];
+    for (scene, look, samples, debug) in [
+        ("overdraw", &[][..], "1", "depth"),
+        (towers, &camera[..], "4", "levels"),
+        ("airport", &airport[..], "4", "skips"),
+    ] {
+        let draw = |more: &[&str]| {
+            let args = ["--samples", samples, "--size", "240x135"];
+            render(Path::new(scene), &[look, &args, more].concat())
+        };
+        let of = ["--debug", debug];
+        let one = draw(&[&of[..], &["--threads", "1"]].concat());
+        for (boards, mode, threads) in [("3", "interleave", "2"), ("5", "region", "1")] {
+            let other = ["--boards", boards, "--mode", mode, "--threads", threads];
+            let other = draw(&[&of[..], &other].concat());
+            assert!(other == one, "{scene}, {debug}: {boards} boards, {mode}, {threads} threads");
+        }
+        assert!(one != draw(&[]), "{debug}: not the picture itself");
+        if debug == "depth" {
+            // Behind each other are thirty walls, before them boxes: the step of 17 to 32, or the next where there are more.
+            let count = |faces| one.pixels().filter(|pixel| pixel.0 == proto::debug::depth_color(faces)).count();
+            let (walls, more) = (count(30), count(33));
+            assert!(walls + more == 240 * 135 && walls > 240 * 135 / 2, "{walls} and {more} pixels");
+        }
+        if debug == "levels" {
+            // The sky is grey, a tower is blue or yellow.
+            let is_tinted = |pixel: &&image::Rgb<u8>| pixel.0[0].abs_diff(pixel.0[2]) > 60;
+            let tinted = one.pixels().filter(is_tinted).count();
+            assert!(tinted > 1000, "{tinted} pixels are tinted");
+        }
     }
 }

@@ -7,6 +7,7 @@
 
 mod bytes;
 mod models;
+mod towers;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -4,6 +4,7 @@ use crate::program::{HANG, cyclorama};
 use bytes::Bytes;
 use proto::chain::{FromBoardChain, Left, ToBoardChain};
 use proto::codec::{self, encode};
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, PixelFormat};
 use proto::ids::{BoardKey, ContentId, Epoch, FrameNumber};
 use proto::message::{Changes, FrameHeader, FramePayload, FromBoard, Hello, ListBase, ListUpdate, ToBoard};
@@ -81,7 +82,13 @@ impl Backplane {
 
     fn frame(&mut self, frame: FrameNumber, epoch: Epoch) {
         let row = View::row(1, 64, 48, Tangents::symmetric(45.0, 64, 48), Samples::One);
-        let state = FrameState { frame, epoch, eye: Pose::IDENTITY, environment: Environment::default() };
+        let state = FrameState {
+            frame,
+            epoch,
+            eye: Pose::IDENTITY,
+            environment: Environment::default(),
+            debug: DebugPicture::Off,
+        };
         let none = Changes { base: ListBase::Empty, count: 0 };
         let views: Vec<ViewSetup> = row.into_iter().map(ViewSetup::new).collect();
         let lists: Vec<ListUpdate> = Vec::new();

@@ -11,7 +11,7 @@ use proto::chain::{
 use proto::codec::decode;
 use proto::frame::REFERENCE_TILE;
 use proto::ids::{BoardKey, ContentId, Epoch, FrameNumber, Term};
-use proto::message::{BoardReport, FromBoard, Hello, NeighbourMessage, Role, TileMessage, ToBoard};
+use proto::message::{BoardReport, FromBoard, Hello, NeighbourMessage, Role, TileMessage, Timeline, ToBoard};
 use proto::share::shares;
 use proto::time::Time;
 use std::collections::BTreeMap;
@@ -408,7 +408,7 @@ impl Board {
             }
         }
         let report = BoardReport { raster_ns: cost.as_nanos() as u64, ..BoardReport::default() };
-        self.say(context, rank, &FromBoard::Ready { frame, epoch, report });
+        self.say(context, rank, &FromBoard::Ready { frame, epoch, report, timeline: Timeline::default() });
     }
 
     fn say(&mut self, context: &mut Context, rank: usize, message: &FromBoard) {
@@ -468,7 +468,11 @@ pub(crate) fn forge(random: &mut Random, epoch: Epoch) -> (ToBoard, FromBoard, N
         0 => FromBoard::Chain(FromBoardChain::Placed { epoch: old, id: number }),
         1 => FromBoard::Chain(FromBoardChain::Acknowledge { epoch: old, id: number, total: number + 1 }),
         2 => FromBoard::Chain(FromBoardChain::LinkLost { epoch: old, side: proto::chain::Side::Left }),
-        _ => FromBoard::Ready { frame: FrameNumber(random.below(400)), epoch: old, report: BoardReport::default() },
+        _ => {
+            let (frame, report, timeline) =
+                (FrameNumber(random.below(400)), BoardReport::default(), Timeline::default());
+            FromBoard::Ready { frame, epoch: old, report, timeline }
+        }
     };
     let neighbour = match random.below(2) {
         0 => NeighbourMessage::Id { epoch: old, id: number },

@@ -7,6 +7,7 @@ use proto::chain::{
     Quorum, StandBy, StandByOutput, Wiring,
 };
 use proto::codec::{decode, encode};
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, PixelFormat};
 use proto::ids::{BoardKey, Epoch, FrameNumber, Term};
 use proto::message::{
@@ -366,7 +367,13 @@ impl Manager {
     }
 
     fn send_frame(&mut self, context: &mut Context, frame: FrameNumber, wiring: &Wiring) {
-        let state = FrameState { frame, epoch: wiring.epoch, eye: Pose::IDENTITY, environment: Environment::default() };
+        let state = FrameState {
+            frame,
+            epoch: wiring.epoch,
+            eye: Pose::IDENTITY,
+            environment: Environment::default(),
+            debug: DebugPicture::Off,
+        };
         let header = |views| FrameHeader {
             state,
             views,
@@ -465,7 +472,7 @@ impl Leading {
         match message {
             FromBoard::Loaded { .. } => drop(self.chain.on_join(now, key, peer.address.clone())),
             FromBoard::Chain(message) => self.chain.on_message(now, key, message),
-            FromBoard::Ready { frame, epoch, report } => {
+            FromBoard::Ready { frame, epoch, report, .. } => {
                 self.chain.on_ready(now, key, epoch, Duration::from_nanos(report.raster_ns));
                 self.clock.on_ready(now, key, frame, epoch);
             }

@@ -14,6 +14,7 @@ use proto::piece::{Assembler, SliceHeader};
 use proto::share::shares;
 use proto::view::ViewSetup;
 use std::collections::BTreeMap;
+use std::time::Instant;
 use tokio_util::sync::DropGuard;
 
 /// What belongs to the session that is served.
@@ -88,7 +89,7 @@ impl Board {
             }
         };
         // Even without a place the lists must be followed.
-        self.painter.send(Work::Frame { header: Box::new(header), payload, shares });
+        self.painter.send(Work::Frame { header: Box::new(header), payload, shares, came: Instant::now() });
         Ok(())
     }
 
@@ -148,7 +149,9 @@ impl Board {
                 self.report(&FromBoard::Stored, &id.0);
             }
             Painted::Loaded(scene) => self.report(&FromBoard::Loaded { scene }, &[]),
-            Painted::Ready { frame, epoch, report } => self.report(&FromBoard::Ready { frame, epoch, report }, &[]),
+            Painted::Ready { frame, epoch, report, timeline } => {
+                self.report(&FromBoard::Ready { frame, epoch, report, timeline }, &[]);
+            }
             Painted::Refused(error) => {
                 tracing::error!(%error, "the backplane sent something that can't be drawn");
                 if let Some(index) = self.terms.served() {

@@ -2,13 +2,15 @@
 //!
 //! *Pause* lets one more frame open, of which a picture is made, so that what is looked at is what is on the displays. *Step* is one frame more.
 //! A board that is *taken out* goes as one that asked to leave does: it draws until a wiring without it is in effect, so that no frame is late. Its link
-//! stays, it is fed as before, and it is back within a wiring when it is put back.
+//! stays, it is fed as before, and it is back within a wiring when it is put back. A *debug picture* is drawn from the next frame on; of a rig that is
+//! paused one more frame is opened for it, so that whoever looks sees what he asked for. Who stands by has nothing to control.
 
 use super::{Board, Engine};
 use crate::backplane::live::{BoardLine, BoardState, Command, CommandError, Live};
 use crate::backplane::statistics::LinkBytes;
 use proto::chain::ClockMode;
 use proto::codec::encode;
+use proto::debug::DebugPicture;
 use proto::ids::BoardKey;
 use proto::message::ToBoard;
 use proto::time::Time;
@@ -33,6 +35,8 @@ pub(super) struct Control {
     is_paused: bool,
     /// Frames that may still be opened.
     steps: u32,
+    /// What pixels say, from the next frame on.
+    pub(super) debug: DebugPicture,
     /// Boards that are gone, and when they went.
     gone: VecDeque<(Time, BoardLine)>,
     /// When a frame was last shown, or needed not be.
@@ -84,6 +88,9 @@ impl Engine {
     /// # Errors
     /// [`CommandError`]: nothing has changed.
     pub(super) fn on_command(&mut self, command: Command, from: &str) -> Result<String, CommandError> {
+        if let Some(of) = self.leader() {
+            return Err(CommandError::StandsBy(of));
+        }
         let said = match command {
             Command::Pause if self.control.is_paused => "paused already".to_owned(),
             Command::Pause => {
@@ -108,6 +115,14 @@ impl Engine {
             Command::Samples(samples) => {
                 self.director.set_sharing(None, Some(samples));
                 format!("{samples} points a pixel from the next frame on")
+            }
+            Command::Debug(debug) => {
+                let is_new = std::mem::replace(&mut self.control.debug, debug) != debug;
+                self.control.steps = self.control.steps.saturating_add((is_new && self.control.is_paused).into());
+                match debug {
+                    DebugPicture::Off => "the picture itself from the next frame on".to_owned(),
+                    debug => format!("debug picture {} from the next frame on, on the displays too", debug.name()),
+                }
             }
         };
         self.log("control", format!("{said} ({from})"));
@@ -198,6 +213,8 @@ impl Engine {
             divider: self.clock.divider(),
             scale: self.clock.scale(),
             is_paused: self.control.is_paused,
+            debug: self.control.debug,
+            lead: self.lead_line(),
             shown: self.control.shown,
             epoch: self.chain.epoch().0,
             wiring,

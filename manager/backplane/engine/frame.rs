@@ -119,7 +119,7 @@ impl Engine {
             tracing::debug_span!("stream").in_scope(|| self.send_frame(frame, &wiring));
             let streaming = before_stream.elapsed();
             self.statistics.stream.add(streaming);
-            self.traces.on_sent(frame, streaming);
+            self.traces.on_sent(self.now(), frame, streaming);
             self.on_sent(frame, selecting + streaming);
         }
         self.feed_all();
@@ -165,6 +165,7 @@ impl Engine {
         Shown {
             eye: director.eye(),
             environment: director.environment(),
+            debug: self.control.debug,
             format: self.format,
             epoch: wiring.epoch,
             compositors: self.compositors.keys(),
@@ -176,15 +177,17 @@ impl Engine {
     fn tell_record(&self, frame: FrameNumber) {
         self.compositors.tell_record(|| {
             let weights = self.director.mixtures.since(None).1.to_vec();
-            let record = FrameRecord { eye: self.director.eye(), environment: self.director.environment(), weights };
+            let (eye, environment) = (self.director.eye(), self.director.environment());
+            let record = FrameRecord { eye, environment, weights, debug: self.control.debug };
             ToCompositor::Record { frame, record }
         });
     }
 
     /// Sends every board its frame.
     fn send_frame(&mut self, frame: FrameNumber, wiring: &Wiring) {
-        let Self { boards, director, statistics, stream, calm, format, .. } = self;
-        let state = FrameState { frame, epoch: wiring.epoch, eye: director.eye(), environment: director.environment() };
+        let Self { boards, director, statistics, stream, calm, format, control, .. } = self;
+        let (eye, environment) = (director.eye(), director.environment());
+        let state = FrameState { frame, epoch: wiring.epoch, eye, environment, debug: control.debug };
         for (i, key) in wiring.members.iter().enumerate() {
             let Some(board) = boards.get_mut(key) else { continue };
             let (moved, places) = director.moved.since(board.moved);

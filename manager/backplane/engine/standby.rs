@@ -12,6 +12,7 @@ use super::{Board, Engine, clock};
 use crate::backplane::ahead::Ahead;
 use crate::backplane::calm::Calm;
 use crate::backplane::links::Outbox;
+use crate::backplane::live::LeadLine;
 use bytes::Bytes;
 use proto::chain::{
     Answer, Ask, BEAT, BackplaneChain, BetweenBackplanes, ClockMode, NoStandBy, Quorum, Seen, StandBy, StandByOutput,
@@ -22,6 +23,8 @@ use proto::limits;
 use proto::message::{FromBoard, Swap, ToBoard};
 use proto::time::Time;
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::SystemTime;
 
 /// The link that we open to the other backplane; those that are opened to us have the names that all our guests have.
@@ -61,16 +64,29 @@ pub(super) struct Held {
     messages: Vec<(Option<ContentId>, bool, Bytes)>,
 }
 
+/// The other backplane.
+#[derive(Debug)]
+struct Peer {
+    outbox: Outbox,
+    /// Where it is: the address that we open, or its machine's.
+    at: Arc<str>,
+    since: Time,
+}
+
 /// See the module's head.
 #[derive(Debug)]
 pub(super) struct Leadership {
     role: Role,
+    /// Since when.
+    since: Time,
     /// By which it leads; 0: nobody can replace it.
     term: Term,
     rank: u64,
     /// The highest term that it has heard of.
     highest: Term,
-    peers: BTreeMap<BoardKey, Outbox>,
+    peers: BTreeMap<BoardKey, Peer>,
+    /// Where the last one was, there or not.
+    other: Option<Arc<str>>,
     /// When the other backplane must hear that we lead.
     beat: Time,
     /// The wiring for which the stand-by's consent was asked last.
@@ -78,9 +94,12 @@ pub(super) struct Leadership {
 }
 
 impl Leadership {
-    pub(super) fn new(stands_by: bool) -> Self {
+    pub(super) fn new(stands_by_for: Option<&str>) -> Self {
+        let stands_by = stands_by_for.is_some();
         Self {
             role: if stands_by { Role::Waits } else { Role::Leads },
+            since: Time(0),
+            other: stands_by_for.map(Arc::from),
             term: Term(0),
             rank: stands_by.into(),
             highest: Term(0),
@@ -109,15 +128,17 @@ impl Leadership {
 
     fn tell(&self, message: BetweenBackplanes) {
         let bytes = encode(&message, &[]);
-        for outbox in self.peers.values() {
-            outbox.send(bytes.clone());
+        for peer in self.peers.values() {
+            peer.outbox.send(bytes.clone());
         }
     }
 }
 
 impl Engine {
     /// A link to the other backplane is up.
-    pub(super) fn on_peer(&mut self, key: BoardKey, name: &str, outbox: Outbox) {
+    pub(super) fn on_peer(&mut self, key: BoardKey, name: &str, from: SocketAddr, outbox: Outbox) {
+        let at = if key == OPENED { name.to_owned() } else { from.ip().to_string() };
+        let (name, now) = (format!("{name} ({from})"), self.now());
         let refuse = |outbox: &Outbox, why| {
             outbox.send(encode(&BetweenBackplanes::Refused { why }, &[]));
             outbox.close();
@@ -142,7 +163,9 @@ impl Engine {
             },
             &[],
         ));
-        leadership.peers.insert(key, outbox);
+        let at: Arc<str> = at.into();
+        leadership.other = Some(Arc::clone(&at));
+        leadership.peers.insert(key, Peer { outbox, at, since: now });
         self.log("connected", format!("the other backplane, {name}"));
     }
 
@@ -168,8 +191,8 @@ impl Engine {
         if let BetweenBackplanes::Leads { term } | BetweenBackplanes::Stands { highest: term } = message
             && term.0 > TERM_MAX
         {
-            if let Some(outbox) = self.leadership.peers.get(&key) {
-                outbox.cut();
+            if let Some(peer) = self.leadership.peers.get(&key) {
+                peer.outbox.cut();
             }
             self.log("refused", format!("the other backplane: term {term} is none that there can be"));
             return;
@@ -225,6 +248,9 @@ impl Engine {
         let mut stand_by = StandBy::new(now, leadership.rank, leadership.highest);
         for (key, _) in self.boards.iter().filter(|(_, board)| !board.is_out) {
             stand_by.on_board(now, *key);
+        }
+        if leadership.leads() {
+            leadership.since = now;
         }
         leadership.role = Role::StandsBy(Box::new(stand_by));
     }
@@ -386,6 +412,7 @@ impl Engine {
     fn lead(&mut self, term: Term, first: FrameNumber, quorum: Quorum) {
         let now = self.now();
         (self.leadership.role, self.leadership.term, self.leadership.beat) = (Role::Leads, term, now);
+        self.leadership.since = now;
         self.begin_row(BackplaneChain::in_term(term, quorum), first);
         self.broken = Some((now, self.statistics.late_frames));
         self.log("leads", format!("by term {term}, granted by a majority of the boards"));
@@ -408,6 +435,22 @@ impl Engine {
         self.statistics.repeated_views += swap.complete.len() as u64;
         // It must be drawn again, even if nothing moves.
         self.calm.on_swap(false);
+    }
+
+    /// Who leads, if that isn't we.
+    pub(super) fn leader(&self) -> Option<Arc<str>> {
+        let leadership = &self.leadership;
+        (!leadership.leads()).then(|| leadership.other.clone().unwrap_or_else(|| "another manager".into()))
+    }
+
+    /// What the console is told of all this.
+    pub(super) fn lead_line(&self) -> LeadLine {
+        let leadership = &self.leadership;
+        // There are two if each has opened a link to the other; either will do.
+        let other = leadership.peers.values().next().map(|peer| (Arc::clone(&peer.at), peer.since));
+        let (leads, of) = (leadership.leads(), self.leader());
+        let term = if leads { leadership.term } else { leadership.highest };
+        LeadLine { leads, term: term.0, since: leadership.since, other, of }
     }
 
     /// What the console says of the epoch: how many there have been in this term.

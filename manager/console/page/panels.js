@@ -7,13 +7,15 @@ const WORDS = {
   out: ["TAKEN OUT", "dim"], left: ["LEFT", "dim"], lost: ["LOST", "bad"], put_out: ["PUT OUT", "bad"],
 };
 const DOING = {
-  no_boards: ["NO BOARDS", "bad"], no_compositor: ["NO DISPLAY", "bad"], paused: ["PAUSED", "warn"], running: ["RUNNING", "good"], waiting: ["WAITING", "warn"],
+  stands_by: ["STANDS BY", "dim"], no_boards: ["NO BOARDS", "bad"], no_compositor: ["NO DISPLAY", "bad"], paused: ["PAUSED", "warn"], running: ["RUNNING", "good"], waiting: ["WAITING", "warn"],
 };
 const SKIPPED = {
   culled: "subobjects out of view", small: "objects too small", faded: "subobjects faded out", occluded: "hidden: triangles, pixels",
   backface: "triangles from behind", tiles_opaque: "tiles without translucency", pixels_single: "pixels shaded once",
   tiles_unchanged: "tiles not sent again", frames_unchanged: "board frames unchanged", frames_idle: "frames not opened", meshes_cached: "meshes kept by boards",
 };
+/** What boards draw. */
+const DEBUGS = { depth: "depth complexity", levels: "levels of detail", skips: "skipped work" };
 const TONES = { lost: "bad", "put out": "bad", refused: "warn", incomplete: "bad", substituted: "warn", draws: "good", whole: "good", control: "warn" };
 
 const number = (value, digits = 0) => Number(value).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
@@ -37,6 +39,13 @@ function make(tag, properties = {}, ...children) {
   return element;
 }
 
+/** Whether this manager leads, and who else could. */
+function leadText({ lead, time_s }) {
+  const term = lead.term ? `, term ${number(lead.term)}` : "";
+  if (!lead.leads) return `stands by for ${lead.of} for ${clock(Math.max(0, time_s - lead.since_s))}${lead.other === null ? ", which doesn't answer" : ""}`;
+  return lead.other === null ? `leads${term}; no stand-by` : `leads${term}; stand-by at ${lead.other} for ${clock(time_s - lead.other_since_s)}`;
+}
+
 export class Panels {
   constructor(document, rig) {
     this.$ = id => document.getElementById(id);
@@ -58,6 +67,7 @@ export class Panels {
       this.chosen = false;
     });
     for (const id of ["mode", "samples"]) this.$(id).addEventListener("change", () => { this.chosen = true; this.refreshApply(); });
+    for (const button of this.$("debugs").children) button.addEventListener("click", () => rig.ask({ do: "debug", picture: button.dataset.picture }));
     this.$("unlock").addEventListener("submit", event => {
       event.preventDefault();
       if (this.$("token").value) rig.unlock(this.$("token").value);
@@ -65,7 +75,10 @@ export class Panels {
     });
   }
 
-  get mayControl() { return this.controls === "open" || (this.controls === "token" && this.rig.hasToken()); }
+  get mayControl() {
+    if (this.lastState && !this.lastState.lead.leads) return false;
+    return this.controls === "open" || (this.controls === "token" && this.rig.hasToken());
+  }
 
   onHello(hello) { this.controls = hello.controls; this.onToken(this.rig.hasToken()); }
 
@@ -105,6 +118,8 @@ export class Panels {
     set(this.$("clock"), clock(state.time_s));
     set(this.$("timing"), state.rate_hz === null ? "lock-step" : `real time, ${number(state.rate_hz, 1)} Hz`);
     set(this.$("epoch"), `${number(state.epoch)}`);
+    set(this.$("lead"), leadText(state));
+    this.debug(state.debug);
     this.figures(state);
     this.onBoards(state);
     this.refreshControls(state);
@@ -112,6 +127,23 @@ export class Panels {
     this.counters(state);
     this.events(state.events);
     this.lastState = state;
+  }
+
+  /** The debug picture that boards draw, if they do, and what its colours mean. */
+  debug({ picture, legend }) {
+    if (this.debugOf === picture) return;
+    this.debugOf = picture;
+    const name = DEBUGS[picture], note = name ? `Boards draw ${name}: displays show it too` : "";
+    set(this.$("debug-note"), note);
+    if (note) this.announce(note);
+    const list = this.$("debug-legend");
+    list.hidden = !legend.length;
+    list.replaceChildren(...legend.map(({ color, mark, means }) => {
+      const swatch = make("i", { ariaHidden: "true" });
+      swatch.dataset.mark = mark;
+      swatch.style.backgroundColor = `rgb(${color.join(" ")})`;
+      return make("li", {}, swatch, means);
+    }));
   }
 
   figures(state) {
@@ -214,7 +246,12 @@ export class Panels {
   }
 
   refreshControls(state) {
+    this.lastState = state;
     const may = this.mayControl, pause = this.$("pause");
+    for (const button of this.$("debugs").children) {
+      button.disabled = !may;
+      button.setAttribute("aria-pressed", String(button.dataset.picture === state.debug.picture));
+    }
     pause.disabled = !may;
     pause.setAttribute("aria-pressed", String(state.is_paused));
     set(pause, state.is_paused ? "Resume" : "Pause");
@@ -224,7 +261,6 @@ export class Panels {
       this.$(id).disabled = !may;
       if (!this.chosen && value !== undefined && this.$(id).value !== value) this.$(id).value = value;
     }
-    this.lastState ??= state;
     this.refreshApply(state);
   }
 

@@ -10,6 +10,7 @@ mod planes;
 
 use crate::{Model, World};
 use glam::{DAffine3, DVec3};
+use proto::debug::DebugPicture;
 use proto::frame::{Background, Environment, FrameState};
 use proto::ids::{Epoch, FrameNumber};
 use proto::scene::{Alpha, Box3, Material, Mesh, Sphere};
@@ -104,6 +105,7 @@ fn state(background: [f32; 3]) -> FrameState {
         epoch: Epoch(1),
         eye: Pose::IDENTITY,
         environment: Environment { background: Background::Constant(background), ..Environment::default() },
+        debug: DebugPicture::Off,
     }
 }
 

@@ -5,9 +5,13 @@
 use bytes::Bytes;
 use proto::chain::{BackplaneChain, BackplaneOutput, BoardChain, BoardOutput, LinkId};
 use proto::codec::encode;
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, PixelFormat};
-use proto::ids::{BoardKey, Epoch, FrameNumber};
-use proto::message::{BoardReport, Changes, FrameHeader, FromBoard, NeighbourMessage, Swap, ToBoard, ToCompositor};
+use proto::ids::{BoardKey, Epoch, FrameNumber, ViewId};
+use proto::message::{
+    BoardReport, Changes, FrameHeader, FromBoard, NeighbourMessage, Stage, StageSpan, Swap, Timeline, ToBoard,
+    ToCompositor,
+};
 use proto::time::Time;
 use proto::view::Pose;
 use std::collections::BTreeMap;
@@ -127,8 +131,13 @@ impl Rounds {
 
 /// Bytes of a frame in which nothing changes but the eye: to each board, from each board, to the compositor.
 fn frame_bytes(boards: u64) -> usize {
-    let state =
-        FrameState { frame: FrameNumber(0), epoch: Epoch(0), eye: Pose::IDENTITY, environment: Environment::default() };
+    let state = FrameState {
+        frame: FrameNumber(0),
+        epoch: Epoch(0),
+        eye: Pose::IDENTITY,
+        environment: Environment::default(),
+        debug: DebugPicture::Off,
+    };
     let header = FrameHeader {
         state,
         views: None,
@@ -138,8 +147,11 @@ fn frame_bytes(boards: u64) -> usize {
         weights: Changes::NONE,
     };
     let frame = encode(&ToBoard::Frame(header), &[]).len();
-    let report = BoardReport::default();
-    let ready = encode(&FromBoard::Ready { frame: FrameNumber(0), epoch: Epoch(0), report }, &[]).len();
+    // Every board draws a part of one view.
+    let span = StageSpan { stage: Stage::Geometry, view: Some(ViewId(0)), begin_ns: 0, end_ns: 0 };
+    let (report, timeline) = (BoardReport::default(), Timeline { ready_ns: 0, stages: vec![span; 7] });
+    let ready = FromBoard::Ready { frame: FrameNumber(0), epoch: Epoch(0), report, timeline };
+    let ready = encode(&ready, &[]).len();
     let members = (0..boards).map(BoardKey).collect();
     let swap = Swap {
         frame: FrameNumber(0),

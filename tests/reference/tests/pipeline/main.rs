@@ -15,6 +15,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use manager::host::camera::{CameraFile, CameraPose};
 use manager::scene::{Entities, Scene, builtin, import};
 use proto::codec::encode_mesh;
+use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, Moved, VersionWeights};
 use proto::ids::{ContentId, Epoch, FrameNumber, ObjectId, SubobjectId};
 use proto::scene::{Alpha, Box3, Material, Mesh, ObjectRow, SceneTable, Sphere, SubobjectRow, Texture};
@@ -122,7 +123,13 @@ fn like_pipeline(samples: Samples) -> Options {
 }
 
 fn state(eye: Pose) -> FrameState {
-    FrameState { frame: FrameNumber(0), epoch: Epoch(1), eye, environment: Environment::default() }
+    FrameState {
+        frame: FrameNumber(0),
+        epoch: Epoch(1),
+        eye,
+        environment: Environment::default(),
+        debug: DebugPicture::Off,
+    }
 }
 
 fn view(width: u32, height: u32, tangents: Tangents, samples: Samples) -> View {
