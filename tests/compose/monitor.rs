@@ -30,7 +30,7 @@ impl<'a> Monitor<'a> {
         self.rig.wait_for("a target that is up", || {
             let targets = self.ask("targets", &[])?;
             let target = targets["activeTargets"].as_array()?.first()?;
-            assert_eq!(target["scrapePool"], "cyclorama");
+            assert_eq!(target["scrapePool"], "cyclorama", "the job of prometheus.yml");
             (target["health"] == "up").then_some(())
         });
         self.check_page();
@@ -97,7 +97,7 @@ impl<'a> Monitor<'a> {
         }
         assert!(count >= dashboard["panels"].as_array().unwrap().len(), "{count} expressions");
         let rigs = self.ask("label/instance/values", &[("match[]", "cyclorama_frames_total")]).unwrap();
-        assert_eq!(rigs, serde_json::json!(["manager:7480"]));
+        assert_eq!(rigs, serde_json::json!(["manager:7480"]), "rigs to choose from");
         println!("{count} expressions of the dashboard have values");
     }
 

@@ -58,5 +58,5 @@ fn conffiles_are_what_goes_to_etc(package: &Path) {
         .collect();
     settings.sort();
     let said = run(Command::new("dpkg-deb").arg("--info").arg(package).arg("conffiles")).stdout;
-    assert_eq!(settings, String::from_utf8(said).unwrap().lines().collect::<Vec<_>>());
+    assert_eq!(settings, String::from_utf8(said).unwrap().lines().collect::<Vec<_>>(), "what goes to /etc");
 }
