@@ -18,6 +18,7 @@ while [ $# -gt 0 ]; do
     shift 2
 done
 deploy=$(cd "$(dirname "$0")" && pwd)
+. "$deploy/libraries.sh"
 
 if [ -z "$binary" ]; then
     # Without windows: a static program can't load the X libraries. Nearly all else is as `cargo build --release` has built it, and used.
@@ -37,12 +38,7 @@ mkdir -p "$files/root" "$files/home"/{keys/{authority,manager,compositor,board},
 chmod 0700 "$files/home/keys" "$files/home/keys"/*
 cp "$binary" "$files/root/cyclorama"
 chmod 0755 "$files/root/cyclorama"
-if libraries=$(ldd "$binary" 2>/dev/null); then
-    # Paths only: what the kernel provides has none.
-    for library in $(grep -o '/[^ ]*' <<<"$libraries"); do
-        install -D -m 0755 "$library" "$files/root$library"
-    done
-fi
+with_libraries "$binary" "$files/root"
 # Line tables are for debuggers, and most of the size.
 if command -v strip >/dev/null; then strip "$files/root/cyclorama"; fi
 if [ -n "$is_wanted" ]; then

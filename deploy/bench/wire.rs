@@ -8,7 +8,7 @@ use crate::cli::WireArgs;
 use crate::error::CommandError;
 use crate::output::{note, say};
 use crate::source;
-use ::bench::wire::{Flight, Row, Still, figures};
+use ::bench::wire::{Flight, Process, Row, Still, figures};
 use ::bench::{Report, Spread};
 use manager::host::camera::CameraFile;
 use serde_json::Value;
@@ -118,13 +118,15 @@ impl Running {
         serde_json::from_str(answer.split_once("\r\n\r\n")?.1).ok()
     }
 
-    /// The process numbers of its boards.
-    fn boards(&self) -> Vec<u32> {
+    /// Its processes, by the command that each was started with.
+    fn processes(&self) -> Vec<(String, u32)> {
         let own = self.child.id();
         let children = std::fs::read_to_string(format!("/proc/{own}/task/{own}/children")).unwrap_or_default();
-        let command = |pid: &u32| std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        let is_board = |pid: &u32| command(pid).split(|byte| *byte == 0).nth(1) == Some(b"channel".as_slice());
-        children.split_whitespace().filter_map(|pid| pid.parse().ok()).filter(is_board).collect()
+        let command = |pid: u32| {
+            let line = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            Some((line.split('\0').nth(1)?.to_owned(), pid))
+        };
+        children.split_whitespace().filter_map(|pid| command(pid.parse().ok()?)).collect()
     }
 }
 
@@ -135,6 +137,13 @@ fn processor_ns(pid: u32) -> Option<u64> {
         std::fs::read_to_string(path.join("schedstat")).ok()?.split_whitespace().next()?.parse::<u64>().ok()
     };
     threads.map(|thread| thread.ok().and_then(|thread| of(thread.path()))).sum()
+}
+
+/// The resident set of a process, MiB.
+fn memory_mib(pid: u32) -> Option<f64> {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let kib = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix(" kB"))?;
+    Some(kib.parse::<f64>().ok()? / 1024.0)
 }
 
 /// Watches a rig to which nothing happens.
@@ -161,8 +170,8 @@ fn still(args: &WireArgs, camera: &CameraFile) -> Result<Still, CommandError> {
     }
     std::thread::sleep(SETTLE);
     let gone = || CommandError::said("the rig ended while it was watched");
-    let pids = rig.boards();
-    let used = || pids.iter().map(|pid| processor_ns(*pid)).collect::<Option<Vec<u64>>>();
+    let processes = rig.processes();
+    let used = || processes.iter().map(|(_, pid)| processor_ns(*pid)).collect::<Option<Vec<u64>>>();
     let (before, used_before, from) = (rig.stats().ok_or_else(gone)?, used().ok_or_else(gone)?, Instant::now());
     std::thread::sleep(Duration::from_secs_f64(args.seconds));
     let (after, used_after, seconds) = (rig.stats().ok_or_else(gone)?, used().ok_or_else(gone)?, from.elapsed());
@@ -171,14 +180,20 @@ fn still(args: &WireArgs, camera: &CameraFile) -> Result<Still, CommandError> {
         let bytes = count(&after, path)?.checked_sub(count(&before, path)?)?;
         Some(bytes as f64 / seconds / args.boards.get() as f64)
     };
-    let percent: Vec<f64> =
-        used_before.iter().zip(&used_after).map(|(a, b)| b.saturating_sub(*a) as f64 / 1e7 / seconds).collect();
+    let percent = used_before.iter().zip(&used_after).map(|(a, b)| b.saturating_sub(*a) as f64 / 1e7 / seconds);
+    let of = |((what, pid), cpu_percent): (&(String, u32), f64)| {
+        Some(Process { what: what.clone(), cpu_percent, memory_mib: memory_mib(*pid)? })
+    };
+    let processes = processes.iter().zip(percent).map(of).collect::<Option<Vec<_>>>().ok_or_else(gone)?;
+    let boards = processes.iter().filter(|process| process.what == "channel");
+    let percent: Vec<f64> = boards.map(|board| board.cpu_percent).collect();
     if percent.is_empty() {
         return Err(CommandError::said("the rig's boards are not found; this benchmark needs /proc"));
     }
     Ok(Still {
         seconds,
         cpu_percent: Spread::of(&percent),
+        processes,
         bytes_to_board_per_s: per_second("/link_bytes/to_boards").ok_or_else(gone)?,
         bytes_from_board_per_s: per_second("/link_bytes/from_boards").ok_or_else(gone)?,
         tile_bytes_per_s: per_second("/link_bytes/tiles").ok_or_else(gone)?,

@@ -14,7 +14,7 @@ pub(crate) enum BenchCommand {
     Lists(ListsArgs),
     /// A long flight: frame times from the median to the worst, and memory
     Flight(FlightArgs),
-    /// What travels on a rig's links: list changes with a moving eye, and a still scene's bytes and processor time
+    /// What travels on a rig's links: list changes with a moving eye, and a still scene's bytes; and what each process takes at rest
     Wire(WireArgs),
     /// How long a flying rig takes to notice that a board has gone, to be whole again, and to take one in
     Chain(ChainArgs),

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 #[path = "../../tests/docs/blocks.rs"]
-#[expect(dead_code, reason = "the suite that runs the commands needs more of them")]
+#[expect(dead_code, reason = "the suite that runs the commands needs others of them")]
 mod blocks;
 
 #[test]
@@ -31,6 +31,87 @@ fn the_commands_in_the_pages_are_understood() {
         }
     }
     assert!(count > 30, "{count} commands found");
+}
+
+/// Within their text commands may lack something that has to be given, but nothing in them may be unknown.
+#[test]
+fn the_commands_in_the_text_of_pages_are_understood() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let mut count = 0;
+    for (place, code) in blocks::pages(root).into_iter().flat_map(|page| page.spans) {
+        let words = shlex::split(&code).unwrap_or_default();
+        let Some(args) = program(&words) else { continue };
+        if code.contains('…') {
+            continue;
+        }
+        count += 1;
+        let parsed = Cli::try_parse_from(std::iter::once("cyclorama").chain(args.iter().map(String::as_str)));
+        if let Err(error) = parsed {
+            use clap::error::ErrorKind::{
+                DisplayHelp, DisplayHelpOnMissingArgumentOrSubcommand, MissingRequiredArgument,
+            };
+            let is_half = [DisplayHelp, DisplayHelpOnMissingArgumentOrSubcommand, MissingRequiredArgument];
+            assert!(is_half.contains(&error.kind()), "{place}: {code}\n{error}");
+        }
+    }
+    assert!(count > 20, "{count} commands found");
+}
+
+/// Claims name tests: suites by their folder, tests by a part of their path.
+#[test]
+fn the_tests_that_pages_name_are_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let mut names = String::new();
+    for folder in ["proto", "manager", "channel", "compositor", "deploy", "tests"] {
+        gather(&root.join(folder), &mut names);
+    }
+    let mut count = 0;
+    for (place, code) in blocks::pages(root).into_iter().flat_map(|page| page.spans) {
+        let Some(args) = code.strip_prefix("cargo test ") else { continue };
+        count += 1;
+        let mut words = args.split_whitespace();
+        while let Some(word) = words.next() {
+            match word {
+                "-p" => assert!(words.next().is_some_and(|name| name.starts_with("cyclorama")), "{place}: {code}"),
+                "--test" => {
+                    let suite = words.next().unwrap();
+                    assert!(names.contains(&format!("suite {suite}\n")), "{place}: no suite {suite}");
+                }
+                _ if word.starts_with('-') => {}
+                _ => {
+                    for part in word.split("::") {
+                        let is_it = |line: &str| !line.starts_with("suite ") && line.contains(part);
+                        assert!(names.lines().any(is_it), "{place}: no test {word}");
+                    }
+                }
+            }
+        }
+    }
+    assert!(count > 20, "{count} commands found");
+}
+
+/// Names of functions and modules below a folder, and of suites: folders, or files in a folder `tests`.
+fn gather(folder: &Path, names: &mut String) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let stem = path.file_stem().unwrap().to_str().unwrap();
+        if path.is_dir() {
+            names.push_str(&format!("suite {stem}\n"));
+            gather(&path, names);
+        } else if path.extension().is_some_and(|kind| kind == "rs") {
+            if folder.ends_with("tests") {
+                names.push_str(&format!("suite {stem}\n"));
+            }
+            let text = std::fs::read_to_string(&path).unwrap();
+            for line in text.lines().map(str::trim_start) {
+                let line = line.strip_prefix("pub(crate) ").or(line.strip_prefix("async ")).unwrap_or(line);
+                if let Some(rest) = line.strip_prefix("fn ").or(line.strip_prefix("mod ")) {
+                    names.push_str(rest.split(|c: char| !(c.is_alphanumeric() || c == '_')).next().unwrap());
+                    names.push('\n');
+                }
+            }
+        }
+    }
 }
 
 /// Services, containers and pods start the program with arguments; those with a variable in them get some value.
@@ -95,7 +176,8 @@ fn program(command: &[String]) -> Option<&[String]> {
     let command = &command[command.iter().take_while(is_assignment).count()..];
     match command {
         [first, rest @ ..] if first == "cyclorama" => Some(rest),
-        [first, second, rest @ ..] if first == "cargo" && second == "run" => {
+        // Another package's program isn't ours.
+        [first, second, rest @ ..] if first == "cargo" && second == "run" && !rest.iter().any(|word| word == "-p") => {
             Some(rest.iter().position(|word| word == "--").map_or(&[], |at| &rest[at + 1..]))
         }
         _ => None,

@@ -1,5 +1,8 @@
-//! For Prometheus (`GET /metrics`, `OpenMetrics` text): the statistics under their own names, times in seconds, in histograms whose buckets are fine
+//! For Prometheus (`GET /metrics`): the statistics under their own names, times in seconds, in histograms whose buckets are fine
 //! round the periods of frame rates. Everything is counted where it happens; here it is only written down.
+//!
+//! Who accepts `OpenMetrics` text gets it, as every Prometheus does. Others, such as curl and `promtool check metrics`, get the older text, in which a
+//! counter is called what its sample is: with `_total`.
 
 use super::Room;
 use super::health::missing;
@@ -8,7 +11,7 @@ use crate::backplane::desk::Silence;
 use crate::backplane::live::Live;
 use crate::backplane::statistics::{BUCKETS_S, STAGES, TimeCounts};
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric, MetricEncoder, NoLabelSet, text};
@@ -22,7 +25,8 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
-const KIND: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+const PLAIN: &str = "text/plain; version=0.0.4; charset=utf-8";
 
 /// A rig at one moment, to be written.
 #[derive(Debug)]
@@ -32,15 +36,37 @@ struct Rig {
 }
 
 /// `GET /metrics`.
-pub(super) async fn metrics(State(room): State<Arc<Room>>) -> Result<Response, Silence> {
+pub(super) async fn metrics(State(room): State<Arc<Room>>, asked: HeaderMap) -> Result<Response, Silence> {
     let rig = Rig { live: room.desk.live().await?, viewers: room.observer.viewers() };
     let mut registry = Registry::with_prefix("cyclorama");
     registry.register_collector(Box::new(rig));
     let mut page = String::new();
+    let accepted = asked.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    let is_open = accepted.flat_map(|value| value.split(',')).any(|kind| kind.contains("application/openmetrics-text"));
     Ok(match text::encode(&mut page, &registry) {
-        Ok(()) => ([(header::CONTENT_TYPE, KIND)], page).into_response(),
+        Ok(()) if is_open => ([(header::CONTENT_TYPE, OPEN_METRICS)], page).into_response(),
+        Ok(()) => ([(header::CONTENT_TYPE, PLAIN)], plain(&page)).into_response(),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, super::problem(&error.to_string())).into_response(),
     })
+}
+
+/// `OpenMetrics` text as the older text: families of counters have their samples' names, and there are neither units nor an end mark.
+fn plain(page: &str) -> String {
+    let types = page.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.strip_suffix(" counter"));
+    let counters: BTreeSet<&str> = types.collect();
+    let mut older = String::with_capacity(page.len() + counters.len() * 2 * "_total".len());
+    for line in page.lines() {
+        let mut words = line.splitn(4, ' ');
+        match (words.next(), words.next(), words.next(), words.next()) {
+            (Some("#"), Some("UNIT"), ..) | (Some("#"), Some("EOF"), None, None) => continue,
+            (Some("#"), Some(what), Some(name), Some(rest)) if counters.contains(name) => {
+                older.extend(["# ", what, " ", name, "_total ", rest]);
+            }
+            _ => older.push_str(line),
+        }
+        older.push('\n');
+    }
+    older
 }
 
 /// The fields of a struct of counts, by their names.
@@ -198,5 +224,19 @@ impl Collector for Rig {
         to.boards("board_memory_limit", bytes, "What the board has room for", boards, |board| {
             board.memory_limit_bytes.map(|bytes| bytes as f64)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::plain;
+
+    #[test]
+    fn the_older_text_names_counters_as_their_samples() {
+        let open = "# HELP rig_link_bytes All bytes.\n# TYPE rig_link_bytes counter\n# UNIT rig_link_bytes bytes\nrig_link_bytes_total{link=\"tiles\"} 7\n\
+                    # HELP rig_boards In the row.\n# TYPE rig_boards gauge\nrig_boards 3\n# EOF\n";
+        let older = "# HELP rig_link_bytes_total All bytes.\n# TYPE rig_link_bytes_total counter\nrig_link_bytes_total{link=\"tiles\"} 7\n\
+                     # HELP rig_boards In the row.\n# TYPE rig_boards gauge\nrig_boards 3\n";
+        assert_eq!(plain(open), older);
     }
 }

@@ -13,13 +13,26 @@ pub struct Flight {
     pub bytes_per_frame: f64,
 }
 
-/// A scene in which nothing happens; each per board.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// What a process of a rig takes while nothing happens.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Process {
+    /// Its command: `manager`, `channel`, `compositor` or `host`.
+    pub what: String,
+    /// Processor time against time, of one core.
+    pub cpu_percent: f64,
+    /// Its resident set, MiB: what it shares with others, such as the program itself, is counted for each.
+    pub memory_mib: f64,
+}
+
+/// A scene in which nothing happens; bytes and `cpu_percent` per board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Still {
     /// How long it was watched.
     pub seconds: f64,
     /// Processor time of a board against time, of one core.
     pub cpu_percent: Spread,
+    /// Each process of the rig.
+    pub processes: Vec<Process>,
     /// Everything from the manager.
     pub bytes_to_board_per_s: f64,
     /// Everything to the manager.
@@ -53,6 +66,7 @@ impl fmt::Display for Row {
         let Still {
             seconds,
             cpu_percent,
+            processes,
             bytes_to_board_per_s: to,
             bytes_from_board_per_s: from,
             tile_bytes_per_s: tiles,
@@ -61,7 +75,11 @@ impl fmt::Display for Row {
             f,
             "still, {seconds:.1} s: {:.2} % of a core (worst board {:.2} %); {to:.0} bytes/s to each board, {from:.0} back, {tiles:.0} to the compositor",
             cpu_percent.median, cpu_percent.max
-        )
+        )?;
+        processes.iter().try_for_each(|process| {
+            let Process { what, cpu_percent, memory_mib } = process;
+            writeln!(f, "  {what:<10} {cpu_percent:>5.2} % of a core, {memory_mib:>5.1} MiB")
+        })
     }
 }
 
@@ -98,12 +116,14 @@ mod tests {
         let still = Still {
             seconds: 10.0,
             cpu_percent: Spread::of(&[0.2, 1.5]),
+            processes: vec![Process { what: "manager".into(), cpu_percent: 0.7, memory_mib: 27.0 }],
             bytes_to_board_per_s: 400.0,
             bytes_from_board_per_s: 300.0,
             tile_bytes_per_s: 50.0,
         };
         let flight = Flight { frames: 9, bytes_per_frame: 20_001.0 };
         let row = Row { scene: "city".into(), views: 3, boards: 3, size: [320, 180], flight, still };
+        assert!(row.to_string().contains("  manager     0.70 % of a core,  27.0 MiB\n"), "{row}");
         let met = |row: &Row| figures(row).iter().map(|figure| (figure.figure, figure.met)).collect::<Vec<_>>();
         let of = [Some(false), Some(true), Some(false)];
         assert_eq!(met(&row).iter().map(|(_, met)| *met).collect::<Vec<_>>(), of);

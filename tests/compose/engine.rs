@@ -8,7 +8,7 @@ pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-fn succeeds(command: &mut Command) -> bool {
+pub(crate) fn succeeds(command: &mut Command) -> bool {
     command
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -49,15 +49,22 @@ pub(crate) fn docker(args: &[&str]) -> String {
     run(Command::new("docker").args(args))
 }
 
-/// The image, removed when dropped.
+/// An image, removed when dropped.
 pub(crate) struct Image(String);
 
 impl Image {
     /// Packs the program under test.
     pub(crate) fn build() -> Self {
-        let image = Self(format!("cyclorama:test-{}", std::process::id()));
-        let script = root().join("deploy/image.sh");
-        run(Command::new(script).args(["--tag", image.name(), "--binary", env!("CARGO_BIN_EXE_cyclorama")]));
+        Self::of("cyclorama", |tag| {
+            let script = root().join("deploy/image.sh");
+            run(Command::new(script).args(["--tag", tag, "--binary", env!("CARGO_BIN_EXE_cyclorama")]));
+        })
+    }
+
+    /// What `make` makes under a name of this test's own.
+    pub(crate) fn of(name: &str, make: impl FnOnce(&str)) -> Self {
+        let image = Self(format!("{name}:test-{}", std::process::id()));
+        make(image.name());
         image
     }
 

@@ -11,10 +11,12 @@
 
 mod engine;
 mod flight;
+mod monitor;
 mod project;
 
 use engine::docker;
 use flight::Flight;
+use monitor::Monitor;
 use project::{Project, number};
 use std::time::{Duration, Instant};
 
@@ -48,13 +50,21 @@ fn a_composed_rig_shows_the_right_pictures_whatever_happens_to_its_containers() 
     log.note(format!("the image, {:.1} MB with this build's program", image.bytes() as f64 / 1e6), since);
     runs_alone(&image, &mut log);
 
+    let since = Instant::now();
+    let prometheus = monitor::image();
+    if let Some(prometheus) = &prometheus {
+        log.note(format!("Prometheus' image, {:.1} MB", prometheus.bytes() as f64 / 1e6), since);
+    }
+
     let flight = Flight::write();
     let since = Instant::now();
-    let rig = Project::up(&image, &flight, 3);
+    let rig = Project::up(&image, prometheus.as_ref(), &flight, 3);
     rig.picture();
     log.note("up, with new keys, to the first picture", since);
     rig.wait("three boards", |stats| number(stats, "boards") == 3);
     log.note("up, to three boards", since);
+    // It reads, every five seconds, while all this happens.
+    let monitor = prometheus.as_ref().map(|_| Monitor::up(&rig));
     refuses_who_has_no_keys(&rig, &image);
     is_scaled(&rig, &mut log);
     leaves_when_asked(&rig, &mut log);
@@ -68,7 +78,13 @@ fn a_composed_rig_shows_the_right_pictures_whatever_happens_to_its_containers() 
     resumes_after_the_compositor(&rig, &mut log);
 
     let since = Instant::now();
-    rig.compose(&["down", "--volumes"]);
+    if let Some(monitor) = monitor {
+        monitor.check();
+        log.note("Prometheus asked for all of dashboard and rules", since);
+    }
+
+    let since = Instant::now();
+    rig.compose(&["--profile", "metrics", "down", "--volumes"]);
     assert_eq!(rig.remains(), Vec::<String>::new(), "nothing is left");
     log.note("down", since);
     drop(rig);

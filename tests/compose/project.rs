@@ -29,11 +29,12 @@ fn free_port() -> u16 {
 }
 
 impl Project {
-    pub(crate) fn up(image: &Image, flight: &Flight, boards: u64) -> Self {
+    pub(crate) fn up(image: &Image, prometheus: Option<&Image>, flight: &Flight, boards: u64) -> Self {
         let name = format!("cyclorama-test-{}", std::process::id());
         let (console, pose) = (free_port(), free_port());
         let environment = vec![
             ("CYCLORAMA_IMAGE", image.name().to_owned()),
+            ("PROMETHEUS_IMAGE", prometheus.map(Image::name).unwrap_or_default().to_owned()),
             ("CYCLORAMA_VIEWS", VIEWS.to_string()),
             ("CYCLORAMA_SIZE", SIZE.into()),
             ("CYCLORAMA_SAMPLES", SAMPLES.into()),
@@ -117,6 +118,12 @@ impl Project {
         serde_json::from_str(answer.as_str().ok()?).ok()
     }
 
+    /// The page for Prometheus, as who doesn't say what is accepted gets it.
+    pub(crate) fn metrics(&self) -> String {
+        let answer = minreq::get(format!("{}/metrics", self.console)).with_timeout(10).send().unwrap();
+        answer.as_str().unwrap().to_owned()
+    }
+
     /// Waits until the statistics are so.
     pub(crate) fn wait(&self, what: &str, is_so: impl Fn(&Value) -> bool) -> Value {
         self.wait_for(what, || self.stats().filter(|stats| is_so(stats)))
@@ -190,7 +197,7 @@ impl Project {
 impl Drop for Project {
     fn drop(&mut self) {
         // After a failure; otherwise there is nothing left to take down.
-        let _ = self.composer().args(["down", "--volumes", "--remove-orphans"]).output();
+        let _ = self.composer().args(["--profile", "metrics", "down", "--volumes", "--remove-orphans"]).output();
         let strangers = docker(&["ps", "--all", "--quiet", "--filter", &format!("label={}", self.label())]);
         for id in strangers.lines() {
             let _ = Command::new("docker").args(["rm", "--force", id]).output();

@@ -8,12 +8,20 @@ use std::process::{Child, Stdio};
 
 const SMALL: [&str; 8] = ["--views", "2", "--boards", "2", "--size", "96x64", "--samples", "1"];
 
-/// The samples of a metrics page: name and labels as written, and value.
+/// The samples of a metrics page, as Prometheus asks for it: name and labels as written, and value.
 fn metrics(rig: &Rig) -> BTreeMap<String, f64> {
-    let (head, body) = rig.get("/metrics").unwrap();
-    assert!(head.starts_with("HTTP/1.1 200") && head.contains("application/openmetrics-text; version=1.0.0"), "{head}");
-    let text = String::from_utf8(body).unwrap();
+    let asked = minreq::get(format!("http://{}/metrics", rig.console()));
+    let answer =
+        asked.with_header("Accept", "application/openmetrics-text;version=1.0.0,text/plain;q=0.5").send().unwrap();
+    let kind = answer.headers.iter().find(|(name, _)| name.eq_ignore_ascii_case("content-type"));
+    let is_open = kind.is_some_and(|(_, kind)| kind.contains("application/openmetrics-text; version=1.0.0"));
+    assert!(answer.status_code == 200 && is_open, "{:?}", answer.headers);
+    let text = answer.as_str().unwrap();
     assert!(text.ends_with("# EOF\n"), "{text}");
+    samples(text)
+}
+
+fn samples(text: &str) -> BTreeMap<String, f64> {
     let sample = |line: &str| {
         let (name, value) = line.rsplit_once(' ').unwrap();
         (name.to_owned(), value.parse().unwrap_or_else(|_| panic!("{line}")))
@@ -57,6 +65,19 @@ fn metrics_are_the_statistics_with_units_in_their_names() {
     let shares: f64 =
         ["0", "1"].iter().map(|board| found[&format!("cyclorama_board_share_ratio{{board=\"{board}\"}}")]).sum();
     assert!((shares - 1.0).abs() < 0.005, "{shares}");
+}
+
+#[test]
+fn who_asks_for_nothing_else_gets_the_older_text() {
+    let rig = flying(&SMALL);
+    let (head, body) = rig.get("/metrics").unwrap();
+    assert!(head.starts_with("HTTP/1.1 200") && head.contains("text/plain; version=0.0.4"), "{head}");
+    let text = String::from_utf8(body).unwrap();
+    let there = samples(&text);
+    assert_eq!(names(&there), names(&metrics(&rig)), "the same samples");
+    for name in names(&there).iter().filter(|name| name.ends_with("_total")) {
+        assert!(text.contains(&format!("# TYPE {name} counter\n")), "{name}: {text}");
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-const FOLDERS: [&str; 3] = ["base", "trial", "wall"];
+pub(crate) const FOLDERS: [&str; 3] = ["base", "trial", "wall"];
 
 fn objects(folder: &str) -> Vec<Value> {
     build(&crate::deploy().join("kubernetes").join(folder))
@@ -154,6 +154,8 @@ fn check_pod(place: &str, spec: &Value, objects: &[Value]) {
         assert_eq!(security["allowPrivilegeEscalation"], false, "{place}");
         assert_eq!(security["capabilities"]["drop"][0], "ALL", "{place}");
         assert!(container.pointer("/resources/requests/cpu").is_some(), "{place} says what it needs");
+        // By default an image without a version is asked of a registry, though it has been loaded into the node.
+        assert_eq!(container["imagePullPolicy"], "IfNotPresent", "{place}");
         for mount in container["volumeMounts"].as_array().into_iter().flatten() {
             assert!(volumes.contains(&name(&mount["name"])), "{place}: no volume {}", mount["name"]);
         }

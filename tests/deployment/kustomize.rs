@@ -4,6 +4,7 @@ use json_patch::{Patch, patch};
 use serde::Deserialize;
 use serde_json::Value;
 use std::path::Path;
+use std::process::Command;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -57,7 +58,40 @@ pub(crate) fn build(folder: &Path) -> Vec<Value> {
 }
 
 fn documents(file: &Path) -> Vec<Value> {
-    let text = std::fs::read_to_string(file).unwrap();
-    let documents = serde_yaml_ng::Deserializer::from_str(&text).map(Value::deserialize);
-    documents.map(|document| document.unwrap_or_else(|error| panic!("{}: {error}", file.display()))).collect()
+    parse(&std::fs::read_to_string(file).unwrap(), &file.display().to_string())
+}
+
+fn parse(text: &str, from: &str) -> Vec<Value> {
+    let documents = serde_yaml_ng::Deserializer::from_str(text).map(Value::deserialize);
+    documents.map(|document| document.unwrap_or_else(|error| panic!("{from}: {error}"))).collect()
+}
+
+/// What is built here must be what `kubectl` builds, or the other tests look at something that no cluster is given.
+#[test]
+fn overlays_are_built_as_kubectl_builds_them() {
+    // Before 1.27 it had a kustomize that didn't know `patches`.
+    let version = Command::new("kubectl").args(["version", "--client", "--output", "json"]).output();
+    let version: Option<Value> = version.ok().and_then(|output| serde_json::from_slice(&output.stdout).ok());
+    let minor = version.as_ref().and_then(|version| version["clientVersion"]["minor"].as_str());
+    let minor: Option<u32> = minor.and_then(|minor| minor.trim_end_matches('+').parse().ok());
+    if minor < Some(27) {
+        println!("SKIPPED: no kubectl of 1.27 or later");
+        return;
+    }
+    for name in crate::kubernetes::FOLDERS {
+        let folder = crate::deploy().join("kubernetes").join(name);
+        let built = Command::new("kubectl").arg("kustomize").arg(&folder).output().unwrap();
+        assert!(built.status.success(), "{name}: {}", String::from_utf8_lossy(&built.stderr));
+        let mut theirs = parse(&String::from_utf8(built.stdout).unwrap(), name);
+        let mut ours = build(&folder);
+        let place = |object: &Value| format!("{} {}", object["kind"], object["metadata"]["name"]);
+        theirs.sort_by_key(place);
+        ours.sort_by_key(place);
+        let places = |objects: &[Value]| objects.iter().map(place).collect::<Vec<_>>();
+        assert_eq!(places(&ours), places(&theirs), "{name}");
+        for (ours, theirs) in ours.iter().zip(&theirs) {
+            assert_eq!(ours, theirs, "{name}: {}", place(ours));
+        }
+        println!("{name}: {} objects", ours.len());
+    }
 }

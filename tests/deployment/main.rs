@@ -1,4 +1,4 @@
-//! What `deploy/` hands to others, held against what they read: Kubernetes' own types, and systemd.
+//! What `deploy/` hands to others, held against what they read: Kubernetes' own types, systemd, and dpkg.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -7,6 +7,7 @@
 
 mod kubernetes;
 mod kustomize;
+mod package;
 mod systemd;
 
 use std::path::{Path, PathBuf};

@@ -15,11 +15,13 @@ pub(crate) struct Block {
     pub not_run: Option<String>,
 }
 
-/// A page and its blocks, in order.
+/// A page, with its blocks and what is code within its text, in order.
 #[derive(Debug)]
 pub(crate) struct Page {
     pub name: String,
     pub blocks: Vec<Block>,
+    /// By place: `docs/keys.md:9`.
+    pub spans: Vec<(String, String)>,
 }
 
 /// README.md and the pages of docs/.
@@ -30,8 +32,8 @@ pub(crate) fn pages(root: &Path) -> Vec<Page> {
     files.sort();
     let page = |file: PathBuf| {
         let name = file.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
-        let blocks = blocks(&name, &std::fs::read_to_string(&file).unwrap());
-        Page { name, blocks }
+        let text = std::fs::read_to_string(&file).unwrap();
+        Page { blocks: blocks(&name, &text), spans: spans(&name, &text), name }
     };
     files.into_iter().map(page).collect()
 }
@@ -48,6 +50,30 @@ fn blocks(name: &str, text: &str) -> Vec<Block> {
             found.push(Block { place: format!("{name}:{number}"), text: body.join("\n") + "\n", not_run });
         }
         above = line;
+    }
+    found
+}
+
+fn spans(name: &str, text: &str) -> Vec<(String, String)> {
+    let mut is_block = false;
+    let mut found = Vec::new();
+    // What began in one line may end in the next.
+    let mut open = String::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let is_fence = line.starts_with("```");
+        is_block ^= is_fence;
+        if is_block || is_fence || line.is_empty() {
+            open.clear();
+            continue;
+        }
+        open.push_str(line);
+        if open.matches('`').count() % 2 == 1 {
+            open.push(' ');
+            continue;
+        }
+        let code = open.split('`').skip(1).step_by(2);
+        found.extend(code.map(|code| (format!("{name}:{number}"), code.to_owned())));
+        open.clear();
     }
     found
 }

@@ -10,6 +10,7 @@
     reason = "a test suite: a panic is a failure, and what is printed is its report"
 )]
 
+#[expect(dead_code, reason = "what is in the text of pages is looked at in `deploy/cli/used.rs`")]
 mod blocks;
 
 use blocks::{Page, pages};
