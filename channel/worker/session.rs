@@ -308,6 +308,10 @@ impl Board {
                 }
             }
             ToBoard::Chain(message) => {
+                if let ToBoardChain::Wire { epoch, .. } = &message {
+                    let placed = self.sessions[index].as_ref().and_then(|session| session.chain.placed());
+                    self.terms.on_wired(index, epoch.term(), placed);
+                }
                 let heed = self.terms.on_leader(now, index, message.epoch().term());
                 if self.heeds(index, heed) {
                     self.on_chain(index, message);
