@@ -200,12 +200,13 @@ fn options() -> impl Options {
 /// If the header is larger than [`limits::CONTROL_MESSAGE_MAX`]: our own mistake, for everything of unbounded length is
 /// payload.
 pub fn encode<M: Serialize>(header: &M, payload: &[u8]) -> Bytes {
-    let head = options().serialize(header).expect("headers are bounded by construction");
-    let mut frame = BytesMut::with_capacity(4 + head.len() + payload.len());
-    frame.put_u32_le(head.len() as u32);
-    frame.put_slice(&head);
-    frame.put_slice(payload);
-    frame.freeze()
+    let len = options().serialized_size(header).expect("headers are bounded by construction");
+    let mut frame = Vec::with_capacity(4 + len as usize + payload.len());
+    frame.put_u32_le(len as u32);
+    // With a limit it would be measured again.
+    options().with_no_limit().serialize_into(&mut frame, header).expect("a vector takes what it is given");
+    frame.extend_from_slice(payload);
+    frame.into()
 }
 
 /// The reverse of [`encode`].

@@ -12,7 +12,7 @@ use super::painter::{Painter, Work};
 use super::terms::{Heed, Terms};
 use super::{Config, LEAVE_TIMEOUT, WorkerError, outlet};
 use bytes::Bytes;
-use proto::chain::{Answer, BoardChain, BoardOutput};
+use proto::chain::{Answer, BoardChain, BoardOutput, ToBoardChain};
 use proto::codec::{self, CodecError, encode};
 use proto::ids::{BoardKey, Term};
 use proto::limits;
@@ -321,6 +321,10 @@ impl Board {
                 }
             }
             ToBoard::Chain(message) => {
+                if let ToBoardChain::Wire { epoch, .. } = &message {
+                    let placed = self.sessions[index].as_ref().and_then(|session| session.chain.placed());
+                    self.terms.on_wired(index, epoch.term(), placed);
+                }
                 let heed = self.terms.on_leader(now, index, message.epoch().term());
                 if self.heeds(index, heed) {
                     self.on_chain(index, message);

@@ -1,7 +1,7 @@
 //! Whom a board serves: one backplane at a time, of those that it knows.
 //!
-//! [`BoardTerm`] says which term may speak; this says over which link, and what a board that has drawn under no term is to do: it
-//! has nothing to remember, so its word elects nobody, it gives none, and it follows whoever leads.
+//! [`BoardTerm`] says which term may speak; this says over which link. A board that has a place under no term has nothing to remember: it
+//! elects nobody, and follows whoever leads.
 //!
 //! A board that knows one backplane only forgets the term with the link, for nobody else will ever ask it: a backplane that is
 //! started anew begins anew.
@@ -49,10 +49,9 @@ impl Terms {
         self.term.term()
     }
 
-    /// The term that a backplane must know of, if any: under it, or a lower one, the board has drawn.
+    /// The term that a backplane must know of, if any: under it, or a lower one, the board has a place in a wiring.
     pub(super) fn remembered(&self) -> Option<Term> {
-        let seen = self.term.wiring().filter(|seen| seen.epoch.term() > Term(0));
-        seen.map(|_| self.term.term())
+        self.term.remembered()
     }
 
     /// Who leads by `term` speaks over a link.
@@ -65,6 +64,14 @@ impl Terms {
         }
         (self.served, self.is_led) = (Some(link), true);
         if is_served { Heed::Follow } else { Heed::Begin }
+    }
+
+    /// Who leads by `term` wires the board over a link, over which `placed` is the newest place that has taken effect. [`Self::on_leader`] comes
+    /// after it.
+    pub(super) fn on_wired(&mut self, link: usize, term: Term, placed: Option<Seen>) {
+        if self.served == Some(link) && self.is_led {
+            self.term.on_wired(term, placed);
+        }
     }
 
     /// A word that says no term, and that only who leads says. Only without terms it may be the first.
@@ -85,9 +92,6 @@ impl Terms {
     /// A backplane asks for a term, or says by which it leads. Returns the answer, and whether it is served from now on and wasn't, or not
     /// by that term.
     pub(super) fn on_ask(&mut self, now: Time, link: usize, ask: Ask) -> (Answer, bool) {
-        if !ask.leads && self.remembered().is_none() {
-            return (Answer::Refused { term: self.term.term() }, false);
-        }
         let before = (self.served, self.term.term());
         let answer = self.term.on_ask(now, ask);
         let is_granted = matches!(answer, Answer::Granted { .. });
@@ -183,6 +187,26 @@ mod tests {
         let mut terms = drawn(2);
         let (answer, begins) = terms.on_ask(NOW, 1, Ask { term: Term(3), leads: true });
         assert!(matches!(answer, Answer::Granted { term: Term(3), .. }) && begins, "{answer:?}");
+    }
+
+    #[test]
+    fn a_board_that_was_wired_by_a_first_term_elects_the_stand_by_before_it_has_drawn() {
+        let placed = Seen { epoch: Epoch(5), id: 1, total: 3 };
+        for (wires, remembered) in [(0, Some(Term(2))), (1, None)] {
+            let mut terms = Terms::new(2);
+            assert_eq!(terms.on_leader(NOW, 0, Term(0)), Heed::Begin);
+            terms.on_frame(FrameNumber(7));
+            terms.on_active(placed);
+            terms.on_wired(wires, Term(2), Some(placed));
+            let heed = terms.on_leader(NOW, wires, Term(2));
+            assert_eq!(heed, if wires == 0 { Heed::Follow } else { Heed::Begin });
+            assert_eq!(terms.remembered(), remembered, "only who led without a term can have taken the first");
+            terms.on_lost(wires);
+            let (answer, _) = terms.on_ask(LATER, 1 - wires, Ask { term: Term(3), leads: false });
+            let wiring = Some(Seen { epoch: Epoch::first_of(Term(2)), ..placed });
+            let granted = Answer::Granted { term: Term(3), wiring, newest: FrameNumber(7) };
+            assert_eq!(answer, if wires == 0 { granted } else { Answer::Refused { term: Term(0) } });
+        }
     }
 
     #[test]

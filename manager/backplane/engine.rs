@@ -513,7 +513,8 @@ impl Engine {
         while let Some(ClockOutput::Swap { swap, opened, late, missing }) = self.clock.poll_output() {
             self.chain.on_frame_over(self.now(), &missing);
             if self.chain.may_show(&swap.boards) {
-                self.swap(swap, opened, late);
+                self.swap(swap.clone(), opened, late);
+                self.take_first_term_if_due(&swap);
             } else {
                 self.hold(&swap);
             }

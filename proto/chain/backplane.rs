@@ -17,6 +17,7 @@ use super::weights::{Verdict, Weights};
 use super::{FromBoardChain, Left, Side, ToBoardChain};
 use crate::ids::{BoardKey, Epoch, FrameNumber, Term};
 use crate::limits;
+use crate::message::Swap;
 use crate::time::Time;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -137,11 +138,22 @@ impl BackplaneChain {
         Self { epoch: Epoch::first_of(term), quorum: Some(quorum), ..Self::new() }
     }
 
-    /// From now on another backplane may replace this one, which has led without a term and leads by `term`: boards are wired anew, and nothing is
-    /// shown until that wiring is in effect.
+    /// Whether a first term may be taken now that this has been shown, and before another frame is opened: most boards of the wiring in effect
+    /// have seen it, so whoever is elected by most of them begins above it.
+    pub fn may_take_term(&self, swap: &Swap) -> bool {
+        let is_ready = |key: &&BoardKey| swap.boards.contains(key);
+        self.quorum.is_none()
+            && self.active.as_ref().is_some_and(|active| {
+                active.epoch == swap.epoch && active.members.iter().filter(is_ready).count() * 2 > active.members.len()
+            })
+    }
+
+    /// From now on another backplane may replace this one, which has led without a term and leads by `term`, its first
+    /// ([`Self::may_take_term`]): boards are wired anew, and nothing is shown until that wiring is in effect.
     pub fn on_term(&mut self, now: Time, term: Term) {
         self.epoch = Epoch::first_of(term);
-        self.quorum = Some(Quorum::default());
+        // Boards that are told of the term refuse what is of none.
+        self.quorum = Some(self.active.take().as_ref().map_or_else(Quorum::default, Quorum::taken));
         self.beat = now;
         self.rewire(now);
     }

@@ -4,6 +4,7 @@
 //! kept (one, the newest) until it has. Everything about an older wiring than the newest known is ignored.
 
 use super::planted::{Bug, is_planted};
+use super::term::Seen;
 use super::watch::BEAT;
 use super::{FromBoardChain, Left, Side, ToBoardChain};
 use crate::ids::{BoardId, BoardKey, Epoch, FrameNumber};
@@ -179,6 +180,12 @@ impl BoardChain {
     /// The place that holds for frames of this wiring, if it is in effect or announced.
     pub fn place(&self, epoch: Epoch) -> Option<&Place> {
         self.place.as_ref().filter(|place| place.epoch == epoch)
+    }
+
+    /// The board's place in the newest wiring that the backplane has said is in effect, if any.
+    pub fn placed(&self) -> Option<Seen> {
+        let place = self.place.as_ref()?;
+        Some(Seen { epoch: place.epoch, id: place.id.0, total: place.weights.len() as u32 })
     }
 
     /// Something went to the backplane: no beat is needed for a while. Call it for whatever is sent but beats.

@@ -181,10 +181,11 @@ impl FrameClock {
 
     fn step_tick(&mut self, now: Time) {
         if let ClockMode::RealTime { .. } = self.mode {
-            // Ticks keep their grid; one that was slept through is skipped, not made up for.
+            // Ticks keep their grid; one that was slept through is skipped, not made up for. So is one that would leave the frame less than half
+            // a period, because it has waited for boards to draw it.
             let period = self.rate.period();
             self.next_tick = self.next_tick + period;
-            if self.next_tick <= now {
+            if self.next_tick < now + period / 2 {
                 self.next_tick = now + period;
             }
         }

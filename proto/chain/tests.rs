@@ -418,6 +418,18 @@ fn a_frame_swaps_when_all_are_ready_and_repeats_views_when_they_are_not() {
 }
 
 #[test]
+fn a_frame_that_has_waited_for_boards_gets_half_a_period_or_more() {
+    let period = Duration::from_millis(10);
+    let wiring = Wiring { epoch: Epoch(1), members: vec![BoardKey(1)], weights: vec![1] };
+    for (late_ms, next_ms) in [(0, 10), (4, 10), (6, 16), (9, 19), (12, 22)] {
+        let mut clock = FrameClock::new(ClockMode::RealTime { period }, FrameNumber(0), 1);
+        let opened = Time(0) + Duration::from_millis(late_ms);
+        clock.on_open(opened, &wiring);
+        assert_eq!(clock.next_timeout(), Some(Time(next_ms * 1_000_000)), "opened {late_ms} ms after its tick");
+    }
+}
+
+#[test]
 fn a_tick_that_passes_without_a_frame_uses_up_its_number() {
     let period = Duration::from_millis(16);
     let wiring = Wiring { epoch: Epoch(1), members: vec![BoardKey(1)], weights: vec![1] };

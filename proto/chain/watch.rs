@@ -36,6 +36,8 @@ const _: () = assert!(SILENCE.as_nanos() + 4_000_000 < 4 * PERIOD.as_nanos(), "n
 pub struct Watch<K = BoardKey> {
     /// When each was last heard.
     heard: BTreeMap<K, Time>,
+    /// At or before the first of these: of the last look. Most of the time that is enough to know that the next look is due first.
+    since: Time,
     limit: Duration,
     look: Time,
 }
@@ -49,7 +51,7 @@ impl<K> Default for Watch<K> {
 impl<K> Watch<K> {
     /// A watch over nobody, which takes a silence of `limit` for death.
     pub fn new(limit: Duration) -> Self {
-        Self { heard: BTreeMap::new(), limit, look: Time(0) }
+        Self { heard: BTreeMap::new(), since: Time(0), limit, look: Time(0) }
     }
 }
 
@@ -57,7 +59,7 @@ impl<K: Ord + Copy> Watch<K> {
     /// Begins to watch, or has heard, somebody.
     pub fn on_heard(&mut self, now: Time, who: K) {
         if self.heard.is_empty() {
-            self.look = now + LOOK;
+            (self.look, self.since) = (now + LOOK, now);
         }
         self.heard.insert(who, now);
     }
@@ -84,6 +86,9 @@ impl<K: Ord + Copy> Watch<K> {
 
     /// When to look again.
     pub fn next_timeout(&self) -> Option<Time> {
+        if self.since + self.limit >= self.look {
+            return (!self.heard.is_empty()).then_some(self.look);
+        }
         let first = self.heard.values().min()?;
         Some(self.look.min(*first + self.limit))
     }
@@ -109,6 +114,7 @@ impl<K: Ord + Copy> Watch<K> {
         for who in &silent {
             self.heard.remove(who);
         }
+        self.since = self.heard.values().copied().min().unwrap_or(now);
         silent
     }
 }

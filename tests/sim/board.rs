@@ -6,7 +6,7 @@ use crate::net::{Node, Purpose, Wire};
 use crate::random::Random;
 use proto::backoff::Backoff;
 use proto::chain::{
-    BACKPLANE_BEAT, BoardChain, BoardOutput, BoardTerm, FromBoardChain, LinkId, Seen, ToBoardChain, Watch,
+    Answer, BACKPLANE_BEAT, BoardChain, BoardOutput, BoardTerm, FromBoardChain, LinkId, Seen, ToBoardChain, Watch,
 };
 use proto::codec::decode;
 use proto::frame::REFERENCE_TILE;
@@ -42,6 +42,8 @@ struct Session {
 #[derive(Clone, Debug)]
 struct Work {
     rank: usize,
+    /// By which its backplane knows the board.
+    key: BoardKey,
     frame: FrameNumber,
     epoch: Epoch,
     masks: Option<Masks>,
@@ -58,6 +60,8 @@ pub(crate) struct Board {
     backoff: [Backoff; 2],
     again: [Option<Time>; 2],
     term: BoardTerm,
+    /// Which manager leads it.
+    served: Option<usize>,
     /// Which session's chain a neighbour link belongs to.
     neighbours: BTreeMap<LinkId, usize>,
     drawing: Option<(Time, Work)>,
@@ -88,6 +92,7 @@ impl Board {
             sessions: [None, None],
             again: [Some(Time(0)), Some(Time(0))],
             term: BoardTerm::default(),
+            served: None,
             neighbours: BTreeMap::new(),
             drawing: None,
             waiting: None,
@@ -96,6 +101,11 @@ impl Board {
             is_hung: false,
             is_leaving: false,
         }
+    }
+
+    /// Whether it remembers a term.
+    pub(crate) fn remembers(&self) -> bool {
+        self.term.remembered().is_some()
     }
 
     /// A link is up.
@@ -191,11 +201,14 @@ impl Board {
     fn end_session(&mut self, context: &mut Context, rank: usize) {
         let Some(session) = self.sessions[rank].take() else { return };
         self.term.on_leader_lost(session.term);
-        if context.plan.managers == 1 {
-            // Without terms a backplane that comes back numbers its frames from 0.
-            self.term = BoardTerm::default();
-            self.waiting = None;
-            self.drawing = None;
+        if self.served == Some(rank) {
+            self.served = None;
+            if context.plan.managers == 1 || self.term.remembered().is_none() {
+                // Without terms a backplane that comes back numbers its frames from 0.
+                self.term = BoardTerm::default();
+                self.waiting = None;
+                self.drawing = None;
+            }
         }
         context.net.close(self.node, session.wire);
         for wire in session.tiles.into_values() {
@@ -208,8 +221,8 @@ impl Board {
     }
 
     /// Something came over a link.
-    pub(crate) fn on_packet(&mut self, context: &mut Context, wire: Wire, packet: &Packet) {
-        let bytes = packet.bytes.clone();
+    pub(crate) fn on_packet(&mut self, context: &mut Context, wire: Wire, packet: Packet) {
+        let bytes = packet.bytes;
         match context.net.peer(self.node, wire) {
             Node::Manager(rank) => {
                 let rank = usize::from(rank);
@@ -253,15 +266,27 @@ impl Board {
                 session.key = key;
                 session.chain = BoardChain::new(key);
                 session.loaded = Some(now + Duration::from_nanos(self.random.below(LOADING)));
+                // One that was started anew must not lead as if there had been nothing. The daemon says so also if another leads; here what
+                // follows must do without.
+                if let Some(term) = self.term.remembered().filter(|_| self.served.is_none()) {
+                    self.say(context, rank, &FromBoard::Answer(Answer::Refused { term }));
+                }
                 for display in 0..context.plan.displays {
                     context.net.connect(self.node, Node::Display(display), Purpose::Tiles(rank as u8, key));
                 }
             }
             ToBoard::Chain(message) => self.on_chain(context, now, rank, message),
             ToBoard::Frame(header) => self.on_frame(context, now, rank, header.state.frame, header.state.epoch),
-            ToBoard::Alive => drop(self.term.on_leader(now, session.term)),
+            ToBoard::Alive if self.served == Some(rank) => drop(self.term.on_leader(now, session.term)),
             ToBoard::Ask(ask) => {
                 let answer = self.term.on_ask(now, ask);
+                if let Answer::Granted { .. } = answer {
+                    self.served = Some(rank);
+                    if ask.leads {
+                        self.term.on_leader(now, ask.term);
+                        session.term = ask.term;
+                    }
+                }
                 context.log(self.node, || format!("{ask:?} {answer:?}"));
                 self.say(context, rank, &FromBoard::Answer(answer));
             }
@@ -275,11 +300,16 @@ impl Board {
 
     fn on_chain(&mut self, context: &mut Context, now: Time, rank: usize, message: ToBoardChain) {
         let epoch = message.epoch();
+        if let (ToBoardChain::Wire { .. }, true) = (&message, self.served == Some(rank)) {
+            let placed = self.sessions[rank].as_ref().and_then(|session| session.chain.placed());
+            self.term.on_wired(epoch.term(), placed);
+        }
         if !self.term.on_leader(now, epoch.term()) {
-            let answer = proto::chain::Answer::Refused { term: self.term.term() };
+            let answer = Answer::Refused { term: self.term.term() };
             self.say(context, rank, &FromBoard::Answer(answer));
             return;
         }
+        self.served = Some(rank);
         let Some(session) = &mut self.sessions[rank] else { return };
         session.term = epoch.term();
         session.chain.on_backplane(message);
@@ -313,12 +343,12 @@ impl Board {
             }
             session.masks = Some((epoch, place.id.0, masks.into()));
         }
-        let masks = session.masks.as_ref().map(|(.., masks)| masks.clone());
+        let (key, masks) = (session.key, session.masks.as_ref().map(|(.., masks)| masks.clone()));
         let tiles: u32 = masks.iter().flat_map(|masks| masks.iter()).map(|mask| mask.count_ones()).sum();
         let part = u64::from(tiles) * 1000 / (15 * u64::from(context.plan.views));
         let cost = context.plan.load / 1000 * part * self.slowness;
         let cost = Duration::from_nanos(cost * self.random.between(90, 110) / 100 + 100_000);
-        self.waiting = Some(Work { rank, frame, epoch, masks, cost });
+        self.waiting = Some(Work { rank, key, frame, epoch, masks, cost });
     }
 
     /// Its timer is due.
@@ -396,10 +426,10 @@ impl Board {
     }
 
     fn deliver(&mut self, context: &mut Context, work: Work) {
-        let Work { rank, frame, epoch, masks, cost } = work;
+        let Work { rank, key, frame, epoch, masks, cost } = work;
         let Some(session) = &mut self.sessions[rank] else { return };
         if let Some(masks) = &masks {
-            context.checks.on_drawn(context.net.now(), self.index, frame, epoch, masks);
+            context.checks.on_drawn(context.net.now(), (self.index, key), frame, epoch, masks);
         }
         for display in 0..context.plan.displays {
             if let Some(wire) = session.tiles.get(&display) {

@@ -3,7 +3,7 @@
 
 use crate::net::Node;
 use crate::plan::{Plan, STALL_HARMLESS};
-use proto::ids::{Epoch, FrameNumber};
+use proto::ids::{BoardKey, Epoch, FrameNumber, Term};
 use proto::message::Swap;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -18,6 +18,8 @@ const FRAMES: usize = 256;
 const LAG: u64 = 60_000_000;
 /// Tiles of a view, as bits.
 pub const VIEW_TILES: u64 = (1 << 15) - 1;
+/// The upper bits of a board's key count its manager's lives.
+pub(crate) const LIFE_SHIFT: u32 = 16;
 /// Violations that are kept of one run.
 const VIOLATIONS_MAX: usize = 8;
 
@@ -34,6 +36,8 @@ pub struct Counts {
     pub put_out: u64,
     /// Times that a backplane began to lead after another.
     pub takeovers: u64,
+    /// Of these, from a leader that had shown nothing by its first term.
+    pub early: u64,
     /// From the first fault to the moment when the backplane knew that a board was gone, ns.
     pub noticed: Option<u64>,
     /// From the first fault to the first whole frame that was opened after it was noticed, ns.
@@ -47,11 +51,11 @@ pub struct Checks {
     /// What has been counted.
     pub counts: Counts,
     opened: BTreeMap<(u8, FrameNumber), Epoch>,
-    drawn: BTreeMap<(FrameNumber, Epoch), (u64, Vec<u64>)>,
-    swapped: BTreeMap<FrameNumber, (Epoch, Vec<bool>)>,
+    drawn: BTreeMap<(u64, FrameNumber, Epoch), (u64, Vec<u64>)>,
+    swapped: BTreeMap<FrameNumber, Swap>,
     /// When the newest frames were swapped.
     swap_times: Vec<(u64, FrameNumber)>,
-    shown: BTreeMap<u8, FrameNumber>,
+    shown: BTreeMap<u8, Swap>,
     /// Until when a late frame has a cause.
     disturbed: u64,
     /// Until when each board's being put out has one.
@@ -59,6 +63,19 @@ pub struct Checks {
     stalled: [u64; 16],
     first_fault: Option<u64>,
     last_late: u64,
+    /// Something was shown by some term.
+    has_term: bool,
+}
+
+/// In which of its lives the manager was that gave a board this key.
+fn life(key: BoardKey) -> u64 {
+    key.0 >> LIFE_SHIFT
+}
+
+/// Whether two swaps are of different lives of a manager that leads without a term, and numbers everything anew in each.
+fn is_anew(a: &Swap, b: &Swap) -> bool {
+    let of = |swap: &Swap| swap.boards.first().map(|key| life(*key)).filter(|_| swap.epoch.term() == Term(0));
+    of(a).zip(of(b)).is_some_and(|(a, b)| a != b)
 }
 
 fn trim<K: Ord, V>(map: &mut BTreeMap<K, V>) {
@@ -140,9 +157,16 @@ impl Checks {
         trim(&mut self.opened);
     }
 
-    /// A board has drawn.
-    pub fn on_drawn(&mut self, now: u64, board: u8, frame: FrameNumber, epoch: Epoch, tiles: &[u64]) {
-        let (boards, drawn) = self.drawn.entry((frame, epoch)).or_insert_with(|| (0, vec![0; tiles.len()]));
+    /// A board, which its manager knows by `key`, has drawn.
+    pub fn on_drawn(
+        &mut self,
+        now: u64,
+        (board, key): (u8, BoardKey),
+        frame: FrameNumber,
+        epoch: Epoch,
+        tiles: &[u64],
+    ) {
+        let (boards, drawn) = self.drawn.entry((life(key), frame, epoch)).or_insert_with(|| (0, vec![0; tiles.len()]));
         let twice = *boards >> board & 1 == 1 && tiles.iter().any(|tiles| *tiles != 0);
         *boards |= 1 << board;
         let overlap = drawn.iter().zip(tiles).any(|(drawn, tiles)| drawn & tiles != 0);
@@ -157,11 +181,11 @@ impl Checks {
 
     /// A backplane says swap. `opened` is when the frame was.
     pub fn on_swap(&mut self, now: u64, swap: &Swap, opened: u64, late: bool) {
-        let content = (swap.epoch, swap.complete.clone());
-        if self.swapped.insert(swap.frame, content).is_some() {
+        if self.swapped.insert(swap.frame, swap.clone()).is_some() {
             self.violate(now, format!("{:?} is swapped a second time, under {:?}", swap.frame, swap.epoch));
         }
         trim(&mut self.swapped);
+        self.has_term |= swap.epoch.term() > Term(0);
         self.swap_times.push((now, swap.frame));
         if self.swap_times.len() > FRAMES {
             self.swap_times.drain(..FRAMES / 2);
@@ -178,6 +202,13 @@ impl Checks {
         {
             self.counts.repaired.get_or_insert(now - first);
         }
+    }
+
+    /// A backplane begins to lead after another.
+    pub fn on_takeover(&mut self, now: u64) {
+        self.counts.takeovers += 1;
+        self.counts.early += u64::from(!self.has_term);
+        self.on_lost(now);
     }
 
     /// The backplane knows that a board is gone.
@@ -201,11 +232,12 @@ impl Checks {
     /// A display shows a frame; `tiles` are what each of the swap's boards drew.
     pub fn on_shown(&mut self, now: u64, display: u8, swap: &Swap, views: &[u32], tiles: &[Rc<[u64]>]) {
         let frame = swap.frame;
-        if let Some(before) = self.shown.insert(display, frame).filter(|before| *before >= frame) {
-            self.violate(now, format!("display {display} shows {frame:?} after {before:?}"));
+        let before = self.shown.insert(display, swap.clone());
+        if let Some(before) = before.filter(|before| before.frame >= frame && !is_anew(before, swap)) {
+            self.violate(now, format!("display {display} shows {frame:?} after {:?}", before.frame));
         }
-        if self.swapped.get(&frame).is_some_and(|(epoch, complete)| (epoch, complete) != (&swap.epoch, &swap.complete))
-        {
+        let is_other = |of: &Swap| (of.epoch, &of.complete) != (swap.epoch, &swap.complete) && !is_anew(of, swap);
+        if self.swapped.get(&frame).is_some_and(is_other) {
             self.violate(now, format!("display {display} shows another {frame:?} than others"));
         }
         for view in views.iter().filter(|view| swap.complete[**view as usize]) {
@@ -228,7 +260,9 @@ impl Checks {
         if now <= self.disturbed + AFTERMATH {
             return;
         }
-        let due = self.swap_times.iter().rev().find(|(at, _)| at + LAG < now).map(|(_, frame)| *frame);
+        // Nor does one that is the last for a long time bring it what it has missed.
+        let over = self.disturbed.saturating_sub(AFTERMATH);
+        let due = self.swap_times.iter().rev().find(|(at, _)| at + LAG < now && *at > over).map(|(_, frame)| *frame);
         if due.is_some_and(|due| shown.is_none_or(|shown| shown < due)) {
             self.violate(now, format!("display {display} shows {shown:?}, {due:?} was swapped long ago"));
         }
@@ -258,7 +292,6 @@ impl Checks {
 mod tests {
     use super::*;
     use crate::plan::Faults;
-    use proto::ids::BoardKey;
 
     const LONG_AFTER: u64 = 10_000_000_000;
 
@@ -286,8 +319,8 @@ mod tests {
         let tiles: [Rc<[u64]>; 2] = [vec![VIEW_TILES >> 1].into(), vec![VIEW_TILES & !(VIEW_TILES >> 1)].into()];
         let happen = |checks: &mut Checks| {
             checks.on_opened(1, 0, FrameNumber(1), Epoch(1));
-            checks.on_drawn(2, 0, FrameNumber(1), Epoch(1), &tiles[0]);
-            checks.on_drawn(2, 1, FrameNumber(1), Epoch(1), &tiles[1]);
+            checks.on_drawn(2, (0, BoardKey(1)), FrameNumber(1), Epoch(1), &tiles[0]);
+            checks.on_drawn(2, (1, BoardKey(2)), FrameNumber(1), Epoch(1), &tiles[1]);
             checks.on_swap(3, &swap(1, true), 1, false);
             checks.on_shown(4, 0, &swap(1, true), &[0], &tiles);
             checks.look(LONG_AFTER, 0, Some(FrameNumber(1)));
@@ -298,7 +331,8 @@ mod tests {
     #[test]
     fn every_checker_fires() {
         let half: Rc<[u64]> = vec![VIEW_TILES >> 1].into();
-        let draw = |checks: &mut Checks, board| checks.on_drawn(1, board, FrameNumber(1), Epoch(1), &half);
+        let draw =
+            |checks: &mut Checks, board| checks.on_drawn(1, (board, BoardKey(1)), FrameNumber(1), Epoch(1), &half);
         assert!(said(|c| [1, 2].into_iter().for_each(|board| draw(c, board))).contains("second owner"));
         assert!(said(|c| c.on_shown(1, 0, &swap(1, true), &[0], std::slice::from_ref(&half))).contains("tiles are"));
         let open = |c: &mut Checks, epoch| c.on_opened(1, 0, FrameNumber(1), Epoch(epoch));

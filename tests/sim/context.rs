@@ -42,6 +42,8 @@ pub(crate) struct Context {
     pub(crate) views: Vec<ViewSetup>,
     /// What has happened, if it is wanted.
     pub(crate) log: Option<String>,
+    /// Whether messages are to be slipped in.
+    pub(crate) injects: bool,
     /// What may be slipped in again: when it was sent, by whom, to whom; the newest last.
     pub(crate) history: std::collections::VecDeque<(u64, Node, Node, Packet)>,
 }
@@ -77,7 +79,7 @@ impl Context {
 
     /// Sends, and remembers what was sent if it may be slipped in again.
     pub(crate) fn send(&mut self, from: Node, wire: Wire, packet: Packet, is_kept: bool) {
-        if is_kept {
+        if is_kept && self.injects {
             if self.history.len() == HISTORY {
                 self.history.pop_front();
             }

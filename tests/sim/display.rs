@@ -33,6 +33,8 @@ pub(crate) struct Display {
     swaps: VecDeque<(u8, Swap)>,
     term: Term,
     shown: Option<FrameNumber>,
+    /// The link to who may lead without a term is new.
+    may_be_anew: bool,
 }
 
 impl Display {
@@ -47,6 +49,7 @@ impl Display {
             swaps: VecDeque::new(),
             term: Term(0),
             shown: None,
+            may_be_anew: false,
         }
     }
 
@@ -69,11 +72,8 @@ impl Display {
                     };
                     context.net.send(self.node, wire, Packet::of(&Hello { name: String::new(), role }));
                     self.sessions[usize::from(rank)] = Some(wire);
-                    if context.plan.managers == 1 {
-                        // It may have begun anew, with frames of its own numbering.
-                        self.shown = None;
-                        self.swaps.clear();
-                    }
+                    // Who leads without a term may have begun anew, with frames of its own numbering.
+                    self.may_be_anew |= rank == 0;
                 }
             }
             Purpose::Tiles(rank, key) => {
@@ -111,22 +111,22 @@ impl Display {
     }
 
     /// Something came over a link.
-    pub(crate) fn on_packet(&mut self, context: &mut Context, wire: Wire, packet: &Packet) {
+    pub(crate) fn on_packet(&mut self, context: &mut Context, wire: Wire, packet: Packet) {
         match context.net.peer(self.node, wire) {
             Node::Manager(rank) => {
-                if let Ok((ToCompositor::Swap(swap), _)) = decode(packet.bytes.clone()) {
+                if let Ok((ToCompositor::Swap(swap), _)) = decode(packet.bytes) {
                     self.on_swap(rank, swap);
                 }
             }
             Node::Board(_) => {
                 let sender = self.senders.values_mut().find(|(of, _)| *of == wire);
-                if let (Some((_, done)), Some(tiles)) = (sender, &packet.tiles)
-                    && let Ok((TileMessage::Done { frame, epoch }, _)) = decode(packet.bytes.clone())
+                if let (Some((_, done)), Some(tiles)) = (sender, packet.tiles)
+                    && let Ok((TileMessage::Done { frame, epoch }, _)) = decode(packet.bytes)
                 {
                     if done.len() == DONE_MAX {
                         done.pop_front();
                     }
-                    done.push_back((epoch, frame, tiles.clone()));
+                    done.push_back((epoch, frame, tiles));
                 }
             }
             Node::Display(_) => {}
@@ -135,6 +135,10 @@ impl Display {
     }
 
     fn on_swap(&mut self, rank: u8, swap: Swap) {
+        if rank == 0 && std::mem::take(&mut self.may_be_anew) && swap.epoch.term().max(self.term) == Term(0) {
+            self.shown = None;
+            self.swaps.clear();
+        }
         // A higher term's word counts; a lower one's no longer does.
         if swap.epoch.term() < self.term || self.swaps.back().is_some_and(|(_, last)| last.frame >= swap.frame) {
             return;

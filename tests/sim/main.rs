@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-const USAGE: &str = "usage: cyclorama-sim [--seeds N] [--from SEED] [--faults any|none|harmless|short-stalls|crash|power-off|leader-crash|leader-power-off|leader-cut] [--threads N]
+const USAGE: &str = "usage: cyclorama-sim [--seeds N] [--from SEED] [--faults any|none|harmless|short-stalls|crash|power-off|leader-crash|leader-power-off|leader-cut|first-term] [--threads N]
        cyclorama-sim --replay SEED [--faults …]   one seed, with its log";
 
 struct Options {
@@ -29,26 +29,11 @@ fn parse(mut words: impl Iterator<Item = String>) -> Option<Options> {
             "--from" => options.from = value.parse().ok()?,
             "--threads" => options.threads = value.parse().ok()?,
             "--replay" => (options.from, options.replay) = (value.parse().ok()?, true),
-            "--faults" => options.faults = faults(&value)?,
+            "--faults" => options.faults = Faults::named(&value)?,
             _ => return None,
         }
     }
     Some(options)
-}
-
-fn faults(name: &str) -> Option<Faults> {
-    Some(match name {
-        "any" => Faults::Any,
-        "none" => Faults::None,
-        "harmless" => Faults::Harmless,
-        "short-stalls" => Faults::ShortStalls,
-        "crash" => Faults::OneCrash,
-        "power-off" => Faults::OnePowerOff,
-        "leader-crash" => Faults::LeaderCrash,
-        "leader-power-off" => Faults::LeaderPowerOff,
-        "leader-cut" => Faults::LeaderCut,
-        _ => return None,
-    })
 }
 
 fn main() -> ExitCode {
@@ -114,12 +99,13 @@ fn report(options: &Options, counts: &[Counts], seconds: f64) {
         simulated / seconds
     );
     println!(
-        "{} frames, {} late, {} held, {} boards put out, {} takeovers",
+        "{} frames, {} late, {} held, {} boards put out, {} takeovers, {} of them from a first term that had shown nothing",
         sum(|c| c.frames),
         sum(|c| c.late),
         sum(|c| c.held),
         sum(|c| c.put_out),
-        sum(|c| c.takeovers)
+        sum(|c| c.takeovers),
+        sum(|c| c.early)
     );
     spread("noticed", counts.iter().filter_map(|c| c.noticed));
     spread("repaired", counts.iter().filter_map(|c| c.repaired));

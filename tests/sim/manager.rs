@@ -1,10 +1,11 @@
 //! A manager's shell as `manager/backplane` has it, less scene and sockets; with a stand-by, either of the two may lead.
 
+use crate::check::LIFE_SHIFT;
 use crate::context::{Context, Packet};
 use crate::net::{Node, Purpose, Wire};
 use proto::chain::{
     Answer, Ask, BEAT, BackplaneChain, BackplaneOutput, BetweenBackplanes, ClockMode, ClockOutput, FrameClock, PERIOD,
-    Quorum, StandBy, StandByOutput, Wiring,
+    StandBy, StandByOutput, Wiring,
 };
 use proto::codec::{decode, encode};
 use proto::debug::DebugPicture;
@@ -18,6 +19,8 @@ use proto::view::Pose;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+/// Whole frames before none is opened where nothing moves; the daemon waits for more.
+const CALM: u32 = 3;
 /// How long until the link to the other backplane is tried again.
 const AGAIN: Duration = Duration::from_millis(30);
 
@@ -37,11 +40,19 @@ struct Leading {
     clock: FrameClock,
     beat: Time,
     asked: Option<Epoch>,
+    /// It leads without a term, and a stand-by has come that has heard of no term above this.
+    awaits: Option<Term>,
+    /// Boards that remember this term, though it has none.
+    claims: BTreeMap<BoardKey, Term>,
+    /// Frames in a row that were whole, and of the same wiring.
+    whole: u32,
 }
 
 #[derive(Debug)]
 enum Role {
     Leading(Box<Leading>),
+    /// It has heard of no term yet: nobody could grant one.
+    Waits,
     StandBy(Box<StandBy>),
 }
 
@@ -50,6 +61,7 @@ enum Role {
 pub(crate) struct Manager {
     node: Node,
     rank: u8,
+    life: u64,
     role: Role,
     boards: BTreeMap<BoardKey, Peer>,
     keys: BTreeMap<Wire, BoardKey>,
@@ -62,44 +74,41 @@ pub(crate) struct Manager {
 }
 
 impl Manager {
-    /// A manager in the given one of its lives, counted from 0.
-    pub(crate) fn new(context: &Context, rank: u8, life: u64) -> Self {
+    /// A manager in the given one of its lives, counted from 0. It leads, without a term, or has heard of none that it could ask for.
+    pub(crate) fn new(context: &Context, rank: u8, life: u64, leads: bool) -> Self {
         let node = Node::Manager(rank);
         let now = context.local(node);
-        let role = if context.plan.managers == 1 {
-            Role::Leading(Box::new(Leading::new(
-                now,
-                Term(0),
-                BackplaneChain::new(),
-                FrameNumber(0),
-                context.plan.views,
-            )))
-        } else if (rank, life) == (0, 0) {
-            let term = Term(0).next_of(0);
-            let chain = BackplaneChain::in_term(term, Quorum::default());
-            Role::Leading(Box::new(Leading::new(now, term, chain, FrameNumber(0), context.plan.views)))
+        let role = if leads {
+            let chain = BackplaneChain::new();
+            Role::Leading(Box::new(Leading::new(now, Term(0), chain, FrameNumber(0), context.plan.views)))
         } else {
-            Role::StandBy(Box::new(StandBy::new(now, rank.into(), Term(0))))
+            Role::Waits
         };
         Self {
             node,
             rank,
-            again: matches!(role, Role::StandBy(_)).then_some(now),
+            life,
+            again: (!leads).then_some(now),
             role,
             boards: BTreeMap::new(),
             keys: BTreeMap::new(),
             displays: BTreeSet::new(),
             watchers: BTreeSet::new(),
             watched: None,
-            next_key: life << 16,
+            next_key: life << LIFE_SHIFT,
         }
+    }
+
+    /// By which term it leads; 0: none, or it doesn't lead.
+    pub(crate) fn term(&self) -> Term {
+        if let Role::Leading(leading) = &self.role { leading.term } else { Term(0) }
     }
 
     /// The boards of the wiring in effect, if it leads.
     pub(crate) fn members(&self) -> Option<usize> {
         match &self.role {
             Role::Leading(leading) => leading.chain.active().map(|wiring| wiring.members.len()),
-            Role::StandBy(_) => None,
+            _ => None,
         }
     }
 
@@ -107,14 +116,17 @@ impl Manager {
     pub(crate) fn epoch(&self) -> Option<Epoch> {
         match &self.role {
             Role::Leading(leading) => Some(leading.chain.epoch()),
-            Role::StandBy(_) => None,
+            _ => None,
         }
     }
 
     /// A link is up.
     pub(crate) fn on_up(&mut self, context: &mut Context, wire: Wire, purpose: Purpose) {
         match purpose {
-            Purpose::Watch if context.net.is_opener(self.node, wire) => self.watched = Some(wire),
+            Purpose::Watch if context.net.is_opener(self.node, wire) => {
+                self.watched = Some(wire);
+                context.send(self.node, wire, Packet::of(&BetweenBackplanes::Stands { highest: Term(0) }), false);
+            }
             Purpose::Watch => drop(self.watchers.insert(wire)),
             // Boards and displays say hello first.
             _ => {}
@@ -144,6 +156,11 @@ impl Manager {
         }
         self.displays.remove(&wire);
         self.watchers.remove(&wire);
+        if let Role::Leading(leading) = &mut self.role
+            && self.watchers.is_empty()
+        {
+            leading.awaits = None;
+        }
         if self.watched == Some(wire) {
             self.on_watched_lost(context);
         }
@@ -160,14 +177,17 @@ impl Manager {
                 context.checks.on_lost(context.net.now());
                 leading.chain.on_lost(now, key);
                 leading.clock.on_lost(now, key);
+                leading.claims.remove(&key);
+                leading.whole = 0;
             }
             Role::StandBy(stand_by) => stand_by.on_board_lost(key),
+            Role::Waits => {}
         }
     }
 
     /// Something came over a link.
-    pub(crate) fn on_packet(&mut self, context: &mut Context, wire: Wire, packet: &Packet) {
-        let bytes = packet.bytes.clone();
+    pub(crate) fn on_packet(&mut self, context: &mut Context, wire: Wire, packet: Packet) {
+        let bytes = packet.bytes;
         if let Some(key) = self.keys.get(&wire).copied() {
             if let Ok((message, _)) = decode::<FromBoard>(bytes) {
                 self.on_board(context, key, message);
@@ -203,7 +223,7 @@ impl Manager {
                         let ask = ToBoard::Ask(Ask { term: leading.term, leads: true });
                         context.send(self.node, wire, Packet::of(&ask), false);
                     }
-                    Role::Leading(_) => {}
+                    Role::Leading(_) | Role::Waits => {}
                 }
             }
             Guest::Compositor { .. } => {
@@ -217,7 +237,15 @@ impl Manager {
     fn on_other(&mut self, context: &mut Context, message: BetweenBackplanes) {
         let now = context.local(self.node);
         match (&mut self.role, message) {
+            (Role::Waits, BetweenBackplanes::Leads { term }) => {
+                self.stand_by(context, term);
+                self.on_other(context, message);
+            }
             (Role::StandBy(stand_by), message) => stand_by.on_leader(now, message),
+            (Role::Leading(leading), BetweenBackplanes::Stands { highest }) if leading.term == Term(0) => {
+                leading.awaits = leading.awaits.max(Some(highest));
+                leading.whole = 0;
+            }
             (Role::Leading(leading), BetweenBackplanes::Consented { epoch }) => leading.chain.on_consent(epoch),
             (Role::Leading(leading), BetweenBackplanes::Leads { term }) if term > leading.term => {
                 self.resign(context, term);
@@ -239,14 +267,32 @@ impl Manager {
                     stand_by.on_answer(key, answer);
                 }
             }
+            Role::Waits => {
+                if let FromBoard::Answer(Answer::Refused { term }) = message
+                    && term > Term(0)
+                {
+                    self.stand_by(context, term);
+                }
+            }
             Role::Leading(leading) => match message {
-                FromBoard::Answer(Answer::Refused { term }) if term > leading.term => self.resign(context, term),
+                FromBoard::Answer(Answer::Refused { term }) if term > leading.term => {
+                    leading.claims.insert(key, term);
+                    // Where there is no stand-by, one board alone doesn't end the rig.
+                    if leading.term > Term(0) || leading.claims.len() * 2 > self.boards.len() {
+                        self.resign(context, term);
+                    }
+                }
                 message => leading.on_board(now, key, message, peer),
             },
         }
     }
 
-    fn resign(&mut self, context: &Context, highest: Term) {
+    fn resign(&mut self, context: &mut Context, highest: Term) {
+        context.log(self.node, || format!("resigns, for there is {highest:?}"));
+        self.stand_by(context, highest);
+    }
+
+    fn stand_by(&mut self, context: &Context, highest: Term) {
         let now = context.local(self.node);
         let mut stand_by = StandBy::new(now, self.rank.into(), highest);
         for key in self.boards.keys() {
@@ -265,7 +311,7 @@ impl Manager {
         let now = context.local(self.node);
         if self.again.is_some_and(|at| now >= at) {
             self.again = None;
-            if matches!(self.role, Role::StandBy(_)) {
+            if !matches!(self.role, Role::Leading(_)) {
                 context.net.connect(self.node, Node::Manager(1 - self.rank), Purpose::Watch);
             }
         }
@@ -283,6 +329,7 @@ impl Manager {
         let due = match &self.role {
             Role::Leading(leading) => leading.next_timeout(),
             Role::StandBy(stand_by) => stand_by.next_timeout(),
+            Role::Waits => None,
         };
         context.wake(self.node, [due, self.again].into_iter().flatten().min());
     }
@@ -308,14 +355,18 @@ impl Manager {
                     }
                 }
                 StandByOutput::Lead { term, first, quorum } => {
-                    context.checks.counts.takeovers += 1;
-                    context.checks.on_lost(context.net.now());
+                    context.checks.on_takeover(context.net.now());
                     let mut chain = BackplaneChain::in_term(term, quorum);
                     for (key, peer) in self.boards.iter_mut().filter(|(_, peer)| peer.is_loaded) {
                         peer.has_views = false;
                         chain.on_join(now, *key, peer.address.clone());
                     }
                     self.role = Role::Leading(Box::new(Leading::new(now, term, chain, first, context.plan.views)));
+                    // Those that haven't granted it follow it now.
+                    let ask = Packet::of(&ToBoard::Ask(Ask { term, leads: true }));
+                    for peer in self.boards.values() {
+                        context.send(self.node, peer.wire, ask.clone(), false);
+                    }
                 }
             }
         }
@@ -349,9 +400,9 @@ impl Manager {
         let Some(wiring) = leading.chain.on_frame(now, next).cloned() else { return };
         self.drain(context, now);
         let Role::Leading(leading) = &mut self.role else { return };
-        // In stretches without motion a frame is opened now and then, as the daemon does.
+        // In stretches without motion a frame is opened now and then, as the daemon does: after a few that were whole, and of the same wiring.
         let rests = context.plan.rests && now.0 / 400_000_000 % 2 == 1 && next.0 % 8 != 0;
-        if rests && leading.chain.epoch() == wiring.epoch {
+        if rests && leading.whole >= CALM && leading.chain.epoch() == wiring.epoch {
             leading.clock.on_idle(now);
             return;
         }
@@ -402,7 +453,12 @@ impl Manager {
         {
             leading.chain.on_frame_over(now, &missing);
             let may_show = leading.chain.may_show(&swap.boards);
+            leading.whole = if late || !may_show { 0 } else { leading.whole + 1 };
+            let takes_term = leading.awaits.is_some() && leading.chain.may_take_term(&swap);
             self.swap(context, swap, now.since(opened), late, may_show);
+            if takes_term {
+                self.take_first_term(context, now);
+            }
         }
         while let Role::Leading(leading) = &mut self.role
             && let Some(output) = leading.chain.poll_output()
@@ -423,6 +479,21 @@ impl Manager {
                 BackplaneOutput::Beat => self.tell_all(context),
             }
         }
+    }
+
+    fn take_first_term(&mut self, context: &mut Context, now: Time) {
+        let Role::Leading(leading) = &mut self.role else { return };
+        let Some(highest) = leading.awaits.take() else { return };
+        // The daemon takes the time of day, which is above the terms of its earlier lives.
+        let past = leading.claims.values().copied().max().unwrap_or_default();
+        let term = past.max(highest).max(Term(2 * self.life)).next_of(0);
+        (leading.term, leading.beat, leading.whole) = (term, now, 0);
+        leading.claims.clear();
+        leading.chain.on_term(now, term);
+        for peer in self.boards.values().filter(|peer| !peer.is_loaded) {
+            context.send(self.node, peer.wire, Packet::of(&ToBoard::Ask(Ask { term, leads: true })), false);
+        }
+        context.log(self.node, || format!("takes {term:?}, the first"));
     }
 
     fn tell_all(&self, context: &mut Context) {
@@ -458,7 +529,8 @@ impl Manager {
 impl Leading {
     fn new(now: Time, term: Term, chain: BackplaneChain, first: FrameNumber, views: u32) -> Self {
         let clock = FrameClock::new(ClockMode::RealTime { period: PERIOD }, first, views);
-        Self { term, chain, clock, beat: now, asked: None }
+        let claims = BTreeMap::new();
+        Self { term, chain, clock, beat: now, asked: None, awaits: None, claims, whole: 0 }
     }
 
     fn next_timeout(&self) -> Option<Time> {
@@ -471,7 +543,10 @@ impl Leading {
     fn on_board(&mut self, now: Time, key: BoardKey, message: FromBoard, peer: &Peer) {
         match message {
             FromBoard::Loaded { .. } => drop(self.chain.on_join(now, key, peer.address.clone())),
-            FromBoard::Chain(message) => self.chain.on_message(now, key, message),
+            FromBoard::Chain(message) => {
+                self.whole = 0;
+                self.chain.on_message(now, key, message);
+            }
             FromBoard::Ready { frame, epoch, report, .. } => {
                 self.chain.on_ready(now, key, epoch, Duration::from_nanos(report.raster_ns));
                 self.clock.on_ready(now, key, frame, epoch);

@@ -61,12 +61,24 @@ pub(crate) enum Event<P> {
 
 #[derive(Debug)]
 enum Item<P> {
+    Arrive {
+        wire: Wire,
+        end: u8,
+    },
+    Wake {
+        at: Node,
+        life: u32,
+    },
+    /// Seldom; apart, so that what is sorted is small.
+    Rare(Box<Rare<P>>),
+}
+
+#[derive(Debug)]
+enum Rare<P> {
     Connect { from: Node, life: u32, to: Node, purpose: Purpose, patience: u64 },
     Up { at: Node, life: u32, wire: Wire, purpose: Purpose },
     Failed { at: Node, life: u32, to: Node, purpose: Purpose },
-    Arrive { wire: Wire, end: usize },
-    Wake { at: Node, life: u32 },
-    Plain(Box<Event<P>>),
+    Plain(Event<P>),
 }
 
 #[derive(Debug)]
@@ -239,7 +251,7 @@ impl<P> Network<P> {
     pub(crate) fn connect(&mut self, from: Node, to: Node, purpose: Purpose) {
         let life = self.processes[index(from)].life;
         let at = self.now + self.draw_delay();
-        self.push(at, Item::Connect { from, life, to, purpose, patience: at + CONNECT_PATIENCE });
+        self.push_rare(at, Rare::Connect { from, life, to, purpose, patience: at + CONNECT_PATIENCE });
     }
 
     /// Sends over a link that is up at the sender's end; what is sent over another one is lost.
@@ -303,7 +315,7 @@ impl<P> Network<P> {
 
     /// Lets something else happen at a moment.
     pub(crate) fn schedule(&mut self, at: u64, event: Event<P>) {
-        self.push(at, Item::Plain(Box::new(event)));
+        self.push_rare(at, Rare::Plain(event));
     }
 
     /// The next event and its moment; `None` after `end`.
@@ -323,7 +335,6 @@ impl<P> Network<P> {
 
     fn happen(&mut self, item: Item<P>) -> Option<Event<P>> {
         match item {
-            Item::Plain(event) => Some(*event),
             Item::Wake { at, life } => {
                 let process = &mut self.processes[index(at)];
                 if process.life != life || !process.is_up || process.wake.is_none_or(|due| due > self.now) {
@@ -337,25 +348,32 @@ impl<P> Network<P> {
                 process.wake = None;
                 Some(Event::Wake(at))
             }
-            Item::Connect { from, life, to, purpose, patience } => {
+            Item::Arrive { wire, end } => self.on_arrive(wire, end.into()),
+            Item::Rare(rare) => self.happen_rarely(*rare),
+        }
+    }
+
+    fn happen_rarely(&mut self, rare: Rare<P>) -> Option<Event<P>> {
+        match rare {
+            Rare::Plain(event) => Some(event),
+            Rare::Connect { from, life, to, purpose, patience } => {
                 self.on_connect(from, life, to, purpose, patience);
                 None
             }
-            Item::Up { at, life, wire, purpose } => {
+            Rare::Up { at, life, wire, purpose } => {
                 if let Some(until) = self.stalled(at) {
-                    self.push(until, Item::Up { at, life, wire, purpose });
+                    self.push_rare(until, Rare::Up { at, life, wire, purpose });
                     return None;
                 }
                 self.end_of(at, wire).filter(|_| self.is_alive(at, life)).map(|_| Event::Up(at, wire, purpose))
             }
-            Item::Failed { at, life, to, purpose } => {
+            Rare::Failed { at, life, to, purpose } => {
                 if let Some(until) = self.stalled(at) {
-                    self.push(until, Item::Failed { at, life, to, purpose });
+                    self.push_rare(until, Rare::Failed { at, life, to, purpose });
                     return None;
                 }
                 self.is_alive(at, life).then_some(Event::Failed(at, to, purpose))
             }
-            Item::Arrive { wire, end } => self.on_arrive(wire, end),
         }
     }
 
@@ -366,14 +384,14 @@ impl<P> Network<P> {
         let back = self.now + self.draw_delay();
         if self.is_cut(from, to) || self.is_cut(to, from) {
             if self.now < patience {
-                self.push(self.now + 20_000_000, Item::Connect { from, life, to, purpose, patience });
+                self.push_rare(self.now + 20_000_000, Rare::Connect { from, life, to, purpose, patience });
             } else {
-                self.push(back, Item::Failed { at: from, life, to, purpose });
+                self.push_rare(back, Rare::Failed { at: from, life, to, purpose });
             }
             return;
         }
         if !self.is_up(to) {
-            self.push(back, Item::Failed { at: from, life, to, purpose });
+            self.push_rare(back, Rare::Failed { at: from, life, to, purpose });
             return;
         }
         let wire = Wire(self.links.len() as u32);
@@ -386,8 +404,8 @@ impl<P> Network<P> {
             open: [true, true],
         });
         // The listener knows first, as with TCP.
-        self.push(self.now, Item::Up { at: to, life: there, wire, purpose });
-        self.push(back, Item::Up { at: from, life, wire, purpose });
+        self.push_rare(self.now, Rare::Up { at: to, life: there, wire, purpose });
+        self.push_rare(back, Rare::Up { at: from, life, wire, purpose });
     }
 
     fn on_arrive(&mut self, wire: Wire, end: usize) -> Option<Event<P>> {
@@ -403,7 +421,7 @@ impl<P> Network<P> {
         }
         if process.stalled_until >= self.now {
             let until = process.stalled_until + 1;
-            self.push(until, Item::Arrive { wire, end });
+            self.push(until, Item::Arrive { wire, end: end as u8 });
             return None;
         }
         match link.queues[end].pop_front()? {
@@ -420,7 +438,7 @@ impl<P> Network<P> {
         let link = &mut self.links[wire.0 as usize];
         link.last[end] = (self.now + delay).max(link.last[end] + 1);
         let at = link.last[end];
-        self.push(at, Item::Arrive { wire, end });
+        self.push(at, Item::Arrive { wire, end: end as u8 });
     }
 
     fn end_of(&self, node: Node, wire: Wire) -> Option<usize> {
@@ -447,6 +465,10 @@ impl<P> Network<P> {
         } else {
             least + self.random.below(span / 8 + 1)
         }
+    }
+
+    fn push_rare(&mut self, at: u64, rare: Rare<P>) {
+        self.push(at, Item::Rare(Box::new(rare)));
     }
 
     fn push(&mut self, at: u64, item: Item<P>) {

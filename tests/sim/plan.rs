@@ -68,6 +68,10 @@ pub struct Plan {
     pub displays: u8,
     /// Number of backplanes: 1, or 2 with a stand-by.
     pub managers: u8,
+    /// When the stand-by comes, ns; 0: at the beginning.
+    pub standby_from: u64,
+    /// How long after it has taken a first term the leader is killed, ns, if it is; it comes back.
+    pub first_term: Option<u64>,
     /// Least and most one-way delay, ns.
     pub delay: (u64, u64),
     /// How much faster than true each node's clock runs, parts in a million.
@@ -101,13 +105,42 @@ pub enum Faults {
     LeaderPowerOff,
     /// The leading backplane of two is cut off from some machines or all, and comes back.
     LeaderCut,
+    /// A stand-by comes to a rig that flies, and the leader is killed within milliseconds of its first term.
+    FirstTerm,
+}
+
+impl Faults {
+    /// Each kind, with the name that commands know it by.
+    pub const ALL: [(Self, &str); 10] = [
+        (Self::None, "none"),
+        (Self::Any, "any"),
+        (Self::Harmless, "harmless"),
+        (Self::ShortStalls, "short-stalls"),
+        (Self::OneCrash, "crash"),
+        (Self::OnePowerOff, "power-off"),
+        (Self::LeaderCrash, "leader-crash"),
+        (Self::LeaderPowerOff, "leader-power-off"),
+        (Self::LeaderCut, "leader-cut"),
+        (Self::FirstTerm, "first-term"),
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(faults, _)| *faults == self).map_or("", |(_, name)| name)
+    }
+
+    /// The kind of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.iter().find(|(_, of)| *of == name).map(|(faults, _)| *faults)
+    }
 }
 
 impl Plan {
     /// What `seed` decides.
     pub fn draw(seed: u64, faults: Faults) -> Self {
         let mut random = Random::new(seed);
-        let terms = matches!(faults, Faults::LeaderCrash | Faults::LeaderPowerOff | Faults::LeaderCut);
+        let terms =
+            matches!(faults, Faults::LeaderCrash | Faults::LeaderPowerOff | Faults::LeaderCut | Faults::FirstTerm);
         let few = matches!(faults, Faults::Any) && random.chance(25);
         let boards = if few { random.between(1, 7) as u8 } else { BOARDS_MAX };
         let managers = if terms || (faults == Faults::Any && random.chance(30)) { 2 } else { 1 };
@@ -122,6 +155,8 @@ impl Plan {
             views: random.between(1, 6) as u32,
             displays: random.between(1, 3) as u8,
             managers,
+            standby_from: 0,
+            first_term: None,
             delay: (least, least + random.between(10, 2_000) * 1000),
             skew_ppm,
             load: random.between(4, 9) * MS,
@@ -160,6 +195,10 @@ impl Plan {
                     }
                 }
             }
+            Faults::FirstTerm => {
+                self.standby_from = random.between(800 * MS, 1200 * MS);
+                self.first_term = Some(random.below(8 * MS));
+            }
             Faults::Harmless => {
                 // One at a time, and each board back before the next: so there are always enough to draw.
                 for (i, from) in (500..3200).step_by(600).enumerate() {
@@ -179,7 +218,13 @@ impl Plan {
                     });
                 }
             }
-            Faults::Any => self.draw_swarm(random),
+            Faults::Any => {
+                if self.managers > 1 && random.chance(40) {
+                    self.standby_from = random.between(BEGIN, CALM - 500 * MS);
+                    self.first_term = Some(random.below(8 * MS)).filter(|_| random.chance(50));
+                }
+                self.draw_swarm(random);
+            }
         }
     }
 

@@ -8,6 +8,7 @@ use crate::manager::Manager;
 use crate::net::{Event, Network, Node, Purpose, Wire};
 use crate::plan::{END, Fault, Faults, Kind, Plan};
 use crate::random::Random;
+use proto::ids::Term;
 use proto::view::{Mode, Samples, Tangents, View, ViewSetup};
 use std::collections::VecDeque;
 
@@ -15,6 +16,9 @@ use std::collections::VecDeque;
 const LOOK: u64 = 50_000_000;
 /// How often messages are slipped in, ns.
 const INJECT: u64 = 15_000_000;
+
+/// How long a leader is down that was killed in its first term, ns.
+const DOWN: u64 = 1_200_000_000;
 
 /// How old what is slipped in again is at least, ns: more than any delay.
 const OVERTAKEN: u64 = 5_000_000;
@@ -38,6 +42,8 @@ struct World {
     lives: [u64; 2],
     boards: Vec<Option<Board>>,
     displays: Vec<Option<Display>>,
+    /// The leader's first term is still to come, and a fault with it.
+    awaits_term: bool,
 }
 
 /// Runs what `seed` decides. The same seed gives the same log, byte for byte.
@@ -73,11 +79,13 @@ impl World {
             views,
             log: with_log.then(String::new),
             history: VecDeque::new(),
+            injects: plan.faults.iter().any(|fault| fault.kind == Kind::Inject),
             plan,
         };
         let (boards, displays) = (context.plan.boards.into(), context.plan.displays.into());
         let none = |count| (0..count).map(|_| None).collect();
         Self {
+            awaits_term: context.plan.first_term.is_some(),
             context,
             random,
             managers: [None, None],
@@ -90,7 +98,11 @@ impl World {
     fn start(&mut self) {
         let plan = self.context.plan.clone();
         for rank in 0..plan.managers {
-            self.boot(Node::Manager(rank));
+            match plan.standby_from {
+                0 => self.boot(Node::Manager(rank)),
+                _ if rank == 0 => self.boot(Node::Manager(0)),
+                from => self.context.net.schedule(from, Event::Boot(Node::Manager(rank))),
+            }
         }
         for display in 0..plan.displays {
             self.boot(Node::Display(display));
@@ -123,10 +135,13 @@ impl World {
             Node::Board(i) => self.boards[usize::from(i)] = Some(Board::new(i, self.random.bits())),
             Node::Display(i) => self.displays[usize::from(i)] = Some(Display::new(i)),
             Node::Manager(i) => {
+                // In place of what boards and the other one would say to it within milliseconds.
+                let is_led = self.managers.iter().flatten().any(|other| other.term() > Term(0));
+                let leads = i == 0 && !is_led && !self.boards.iter().flatten().any(Board::remembers);
                 let life = &mut self.lives[usize::from(i)];
-                self.managers[usize::from(i)] = Some(Manager::new(&self.context, i, *life));
+                self.managers[usize::from(i)] = Some(Manager::new(&self.context, i, *life, leads));
                 *life += 1;
-                if self.context.plan.managers == 1 {
+                if leads {
                     self.context.checks.on_restart();
                     // It numbers everything anew: what is left of its last life would look like news.
                     self.context.history.clear();
@@ -152,13 +167,16 @@ impl World {
     }
 
     fn on_event(&mut self, event: Event<Packet>) {
+        if self.awaits_term && self.managers[0].as_ref().is_some_and(|manager| manager.term() > Term(0)) {
+            self.on_first_term();
+        }
         match event {
             Event::Fault(i, begins) => self.on_fault(i, begins),
             Event::Boot(node) => self.boot(node),
             Event::Look => self.look(),
             Event::Up(node, wire, purpose) => self.on_up(node, wire, purpose),
             Event::Failed(node, to, purpose) => self.on_failed(node, to, purpose),
-            Event::Packet(node, wire, packet) => self.on_packet(node, wire, &packet),
+            Event::Packet(node, wire, packet) => self.on_packet(node, wire, packet),
             Event::Down(node, wire) => self.on_down(node, wire),
             Event::Wake(node) => self.on_wake(node),
         }
@@ -183,7 +201,7 @@ impl World {
         };
     }
 
-    fn on_packet(&mut self, node: Node, wire: Wire, packet: &Packet) {
+    fn on_packet(&mut self, node: Node, wire: Wire, packet: Packet) {
         let context = &mut self.context;
         match node {
             Node::Board(i) => self.boards[usize::from(i)].as_mut().map(|b| b.on_packet(context, wire, packet)),
@@ -199,6 +217,18 @@ impl World {
             Node::Display(i) => self.displays[usize::from(i)].as_mut().map(|d| d.on_down(context, wire)),
             Node::Manager(i) => self.managers[usize::from(i)].as_mut().map(|m| m.on_down(context, wire)),
         };
+    }
+
+    /// The leader has taken its first term: it is killed, if that is planned.
+    fn on_first_term(&mut self) {
+        let now = self.context.net.now();
+        self.awaits_term = false;
+        let from = now + self.context.plan.first_term.unwrap_or(0);
+        let fault = Fault { kind: Kind::Crash(Node::Manager(0)), from, until: from + DOWN };
+        let number = self.context.plan.faults.len();
+        self.context.plan.faults.push(fault);
+        self.context.net.schedule(from, Event::Fault(number, true));
+        self.context.net.schedule(from + DOWN, Event::Fault(number, false));
     }
 
     fn on_wake(&mut self, node: Node) {
@@ -311,7 +341,7 @@ impl World {
                 let (sent, from, to, packet) = self.context.history[at].clone();
                 // A copy doesn't overtake what it is a copy of.
                 if self.context.net.now() > sent + OVERTAKEN {
-                    self.slip(from, to, &packet);
+                    self.slip(from, to, packet);
                 }
             }
         }
@@ -320,9 +350,9 @@ impl World {
             let boards = u64::from(self.context.plan.boards);
             let [a, b] = [(); 2].map(|()| Node::Board(self.random.below(boards) as u8));
             let manager = Node::Manager(0);
-            self.slip(manager, a, &Packet::of(&to_board));
-            self.slip(a, manager, &Packet::of(&from_board));
-            self.slip(a, b, &Packet::of(&neighbour));
+            self.slip(manager, a, Packet::of(&to_board));
+            self.slip(a, manager, Packet::of(&from_board));
+            self.slip(a, b, Packet::of(&neighbour));
         }
         let next = self.context.net.now() + INJECT;
         if next < fault.until {
@@ -330,7 +360,7 @@ impl World {
         }
     }
 
-    fn slip(&mut self, from: Node, to: Node, packet: &Packet) {
+    fn slip(&mut self, from: Node, to: Node, packet: Packet) {
         let wires: Vec<Wire> = self.context.net.between(from, to).collect();
         if from != to && !wires.is_empty() && self.context.net.is_awake(to) {
             let wire = self.random.pick(&wires);

@@ -1,9 +1,9 @@
 //! Which of two backplanes leads: the engine's end of the chain's terms ([`proto::chain::StandBy`]).
 //!
-//! A manager that is started as the first leads without a term, as if there could be no other, until a stand-by comes; then it takes a term of
-//! its own, because nobody leads by one, and shows from then on only what a majority of its boards has drawn. Every later term is won. So a
-//! manager that was started as the first, of whose boards one has drawn under a term, has been replaced, or would have been: it
-//! stands by, and asks the boards like any other.
+//! A manager that is started as the first leads without a term, as if there could be no other, until a stand-by has come and a frame was shown
+//! that most boards were ready with; then it takes a term of its own, because nobody leads by one, and shows from then on only what a majority
+//! of its boards has drawn. Every later term is won. So a manager that was started as the first, of whose boards one remembers a term, has
+//! been replaced, or would have been: it stands by, and asks the boards like any other.
 //!
 //! A stand-by has imported the scene, hears boards, compositor and host, and sends nobody any work. What boards hold it is told with their
 //! grant ([`FromBoard::Holding`]), so that nothing is sent again.
@@ -91,6 +91,8 @@ pub(super) struct Leadership {
     beat: Time,
     /// The wiring for which the stand-by's consent was asked last.
     asked: Option<Epoch>,
+    /// A stand-by has come to who leads without a term; it has heard of no term above this.
+    awaits: Option<Term>,
 }
 
 impl Leadership {
@@ -106,6 +108,7 @@ impl Leadership {
             peers: BTreeMap::new(),
             beat: Time(0),
             asked: None,
+            awaits: None,
         }
     }
 
@@ -175,6 +178,9 @@ impl Engine {
         if was_up {
             self.log("lost", format!("the other backplane: {reason}"));
         }
+        if self.leadership.peers.is_empty() {
+            self.leadership.awaits = None;
+        }
         let now = self.now();
         if let (true, Role::StandsBy(stand_by)) = (self.leadership.peers.is_empty(), &mut self.leadership.role)
             && (was_up || key == OPENED)
@@ -204,7 +210,9 @@ impl Engine {
                 self.resign(term, "the other backplane leads");
             }
             (Role::Leads, BetweenBackplanes::Stands { highest }) if self.leadership.term == Term(0) => {
-                self.take_first_term(highest);
+                self.leadership.awaits = self.leadership.awaits.max(Some(highest));
+                // A frame must be shown first.
+                self.calm.disturb();
             }
             (Role::Waits, BetweenBackplanes::Leads { term }) => {
                 self.stand_by(term);
@@ -222,8 +230,14 @@ impl Engine {
         }
     }
 
-    /// A stand-by has come to who leads without a term. Nobody leads by one: not the other, and of our own boards none has drawn under any.
-    fn take_first_term(&mut self, highest: Term) {
+    /// A frame was shown. If a stand-by has come to who leads without a term, and most boards were ready, a term is taken. Nobody leads by one: not
+    /// the other, and of our own boards none has drawn under any.
+    pub(super) fn take_first_term_if_due(&mut self, swap: &Swap) {
+        let leadership = &mut self.leadership;
+        if !leadership.leads() || leadership.term > Term(0) || !self.chain.may_take_term(swap) {
+            return;
+        }
+        let Some(highest) = leadership.awaits.take() else { return };
         // Above those of earlier lives of this rig, of which the compositor may know.
         let clock = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let past = Term(clock.as_secs().min(TERM_MAX)).max(highest);
@@ -257,7 +271,7 @@ impl Engine {
 
     /// It no longer leads: another does, or boards have promised to follow one.
     fn resign(&mut self, term: Term, why: &str) {
-        self.leadership.term = Term(0);
+        (self.leadership.term, self.leadership.awaits) = (Term(0), None);
         self.stand_by(term);
         self.begin_row(BackplaneChain::new(), FrameNumber(0));
         self.log("resigned", format!("{why}, by term {term}; this one stands by"));

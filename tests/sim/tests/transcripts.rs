@@ -8,7 +8,7 @@ use proto::chain::{
     FromBoardChain, LinkId, PERIOD, Quorum, SILENCE, Seen, StandBy, StandByOutput, ToBoardChain,
 };
 use proto::ids::{BoardKey, Epoch, FrameNumber, Term};
-use proto::message::NeighbourMessage;
+use proto::message::{NeighbourMessage, Swap};
 use proto::time::Time;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -289,6 +289,69 @@ fn two_backplanes() -> String {
     let again = boards[1].on_ask(asked, Ask { term: first, leads: false });
     writeln!(text, "\nand asks board 1 for its old term\n    board 1: {again:?}").unwrap();
     text
+}
+
+fn first_term() -> String {
+    let about =
+        "First term: a stand-by comes to who flies without one; the leader dies before a frame is drawn by the term.";
+    let mut stage = Stage::flying(about, 3);
+    let before = stage.backplane.active().unwrap().clone();
+    let swap = |boards: &[BoardKey]| Swap {
+        frame: FrameNumber(0),
+        epoch: before.epoch,
+        complete: vec![true; 2],
+        boards: boards.to_vec(),
+        preview: false,
+        moment: None,
+    };
+    stage.note("a frame is shown; may the leader take a term?");
+    for count in [1, 2, 3] {
+        let may = stage.backplane.may_take_term(&swap(&before.members[..count]));
+        stage.line(format!("with {count} of 3 boards ready: {may}"));
+    }
+    let mut boards: BTreeMap<BoardKey, BoardTerm> = BTreeMap::new();
+    for (id, key) in before.members.iter().enumerate() {
+        let board = boards.entry(*key).or_default();
+        board.on_leader(stage.now, Term(0));
+        board.on_frame(FrameNumber(0));
+        board.on_active(Seen { epoch: before.epoch, id: id as u32, total: 3 });
+    }
+    let first = Term(0).next_of(0);
+    stage.note(&format!("it takes {first:?}, and wires boards 1 and 2; then it is dead"));
+    stage.backplane.on_term(stage.now, first);
+    while let Some(output) = stage.backplane.poll_output() {
+        let BackplaneOutput::Send(key @ BoardKey(1..=2), message @ ToBoardChain::Wire { epoch, .. }) = output else {
+            continue;
+        };
+        stage.line(format!("→ board {key}: {message:?}"));
+        let placed = stage.boards[&key].placed();
+        let board = boards.get_mut(&key).unwrap();
+        board.on_wired(epoch.term(), placed);
+        board.on_leader(stage.now, epoch.term());
+    }
+    boards.values_mut().for_each(|board| board.on_leader_lost(board.term()));
+    stage.note("the stand-by asks");
+    let mut stand_by = StandBy::new(stage.now, 1, first);
+    boards.keys().for_each(|key| stand_by.on_board(stage.now, *key));
+    stand_by.on_leader_lost(stage.now);
+    while let Some(output) = stand_by.poll_output() {
+        match output {
+            StandByOutput::Ask(key, ask) => {
+                let answer = boards.get_mut(&key).unwrap().on_ask(stage.now, ask);
+                stage.line(format!("→ board {key}: {ask:?}"));
+                stage.line(format!("board {key} → stand-by: {answer:?}"));
+                stand_by.on_answer(key, answer);
+            }
+            StandByOutput::Lead { term, first, .. } => stage.line(format!("it leads by {term:?}, from {first:?} on")),
+            _ => {}
+        }
+    }
+    stage.text
+}
+
+#[test]
+fn a_first_term_without_a_frame_is_taken_over() {
+    check("first-term", first_term);
 }
 
 #[test]

@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that can't go on has failed")]
 #![expect(clippy::print_stdout, reason = "how many states were looked at")]
 
+mod first_term;
 mod terms;
 mod wiring;
 
