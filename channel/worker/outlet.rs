@@ -24,7 +24,7 @@ pub(super) fn keep(address: String, key: BoardKey, painter: std::sync::mpsc::Sen
     let cut = CancellationToken::new();
     let ended = cut.clone();
     tokio::spawn(async move {
-        let mut backoff = Backoff::new(key.0 ^ u64::from(std::process::id()));
+        let mut backoff = trust.backoff(key.0);
         let keeping = async {
             loop {
                 match carry(&address, key, &painter, &trust, &mut backoff).await {

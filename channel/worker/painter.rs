@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 /// Answers that may wait for the session.
-const ANSWERS: usize = 64;
+pub(super) const ANSWERS: usize = 64;
 /// Most pixels in one tile message, bytes: large shares go in several, so that sending overlaps stitching.
 const TILE_MESSAGE_BYTES: usize = 8 << 20;
 
@@ -68,11 +68,11 @@ pub(super) enum Painted {
 /// The session's end of the painter and its loader.
 #[derive(Debug)]
 pub(super) struct Painter {
-    work: Sender<Work>,
-    pieces: Sender<Raw>,
+    pub(super) work: Sender<Work>,
+    pub(super) pieces: Sender<Raw>,
     /// With the session that each belongs to.
-    answers: mpsc::Receiver<(u64, Painted)>,
-    session: u64,
+    pub(super) answers: mpsc::Receiver<(u64, Painted)>,
+    pub(super) session: u64,
 }
 
 impl Painter {
