@@ -58,12 +58,13 @@ async fn go(
     mut drawing: impl FnMut() -> Duration,
 ) -> Option<()> {
     loop {
-        let next = match raw.try_recv() {
-            Ok(piece) => Asked::Piece(piece),
-            Err(_) => match asked.try_recv() {
-                Ok(work) => Asked::Work(work),
-                Err(TryRecvError::Disconnected) => return None,
-                Err(TryRecvError::Empty) => {
+        // The painter must have forgotten the last session before it is given pieces of the next.
+        let next = match asked.try_recv() {
+            Ok(work) => Asked::Work(work),
+            Err(TryRecvError::Disconnected) => return None,
+            Err(TryRecvError::Empty) => match raw.try_recv() {
+                Ok(piece) => Asked::Piece(piece),
+                Err(_) => {
                     tokio::time::sleep(PERIOD).await;
                     continue;
                 }

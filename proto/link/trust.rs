@@ -118,8 +118,7 @@ impl Trust {
     /// The system's, or why the other side isn't who it should be.
     pub async fn connect(&self, address: &str, expected: &Expected) -> io::Result<Stream> {
         let silent = || io::Error::new(io::ErrorKind::TimedOut, "nobody answers there");
-        let stream =
-            tokio::time::timeout(CONNECT_TIMEOUT, self.ground.dial(address)).await.map_err(|_| silent())??;
+        let stream = tokio::time::timeout(CONNECT_TIMEOUT, self.ground.dial(address)).await.map_err(|_| silent())??;
         match &self.means {
             Means::Keys(keys) => {
                 let connector = TlsConnector::from(current(keys).await?.client.clone());
