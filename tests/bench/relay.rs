@@ -159,7 +159,7 @@ struct Chunk {
     bytes: Vec<u8>,
 }
 
-/// Numbers from a seed: SplitMix64.
+/// Numbers from a seed: `SplitMix64`.
 struct Random(u64);
 
 impl Random {

@@ -17,6 +17,8 @@ struct Relayed {
     relay: Relay,
     _daemons: [crate::program::Daemon; 4],
     folder: tempfile::TempDir,
+    /// How many pictures there were before all boards had all of the scene: until then something is left out.
+    first: usize,
 }
 
 impl Relayed {
@@ -32,7 +34,13 @@ impl Relayed {
             rig.compositor(&folder.path().join("shown")),
         ];
         rig.wait("three boards that draw", |stats| count(stats, "draws", "") == 3);
-        let relayed = Self { rig, relay, _daemons: daemons, folder };
+        let mut relayed = Self { rig, relay, _daemons: daemons, folder, first: 0 };
+        relayed.wait("boards with all of the scene", |stats| {
+            let memory = stats["memory"].as_array().map_or(&[][..], Vec::as_slice);
+            memory.len() == 3 && memory.iter().all(|board| board["held_bytes"] == stats["scene_bytes"])
+        });
+        relayed.wait_for_pictures();
+        relayed.first = relayed.shown().lines().count();
         relayed.wait_for_pictures();
         relayed
     }
@@ -49,7 +57,7 @@ impl Relayed {
 
     /// The scene is still: every picture is that of the first whole one.
     fn all_pictures_are_right(&self) {
-        let shown = self.shown();
+        let shown: String = self.shown().split_inclusive('\n').skip(self.first).collect();
         let first = shown.split_inclusive('\n').find(|line| !line.contains("\"complete\":false")).unwrap();
         let compared = Undisturbed::read(first.as_bytes()).unwrap().compare(shown.as_bytes()).unwrap();
         assert!(compared.right > 3 && compared.wrong + compared.unknown + compared.backwards == 0, "{compared:?}");

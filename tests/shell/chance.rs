@@ -15,7 +15,7 @@ pub(crate) fn begin(seed: u64) {
     STATE.store(seed, Ordering::Relaxed);
 }
 
-/// SplitMix64.
+/// `SplitMix64`.
 fn next() -> u64 {
     let state = STATE.fetch_add(0x9e37_79b9_7f4a_7c15, Ordering::Relaxed);
     let mixed = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -237,7 +237,7 @@ fn again(seed: u64) -> String {
     ended(rig, &before, 3)
 }
 
-/// Numbers from a seed: SplitMix64.
+/// Numbers from a seed: `SplitMix64`.
 struct Random(u64);
 
 impl Random {
