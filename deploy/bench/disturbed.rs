@@ -90,7 +90,7 @@ impl Deed {
             Self::Limit => {
                 slow(Slowness { rate: Some(RATE), ..Slowness::default() });
             }
-            Self::Lose => relay.lose(if seed % 2 == 0 { Way::There } else { Way::Back }),
+            Self::Lose => relay.lose(if seed.is_multiple_of(2) { Way::There } else { Way::Back }),
             Self::Reset => relay.reset(),
             Self::Kill | Self::Stop | Self::Add | Self::Leave => {}
         }
