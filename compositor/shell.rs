@@ -12,7 +12,7 @@
 //! An error of one link ends that link. When the backplane is gone the compositor keeps its picture and tries again; when a stand-by leads, it
 //! goes on from that picture.
 
-use crate::backplanes::{self, BackplaneEvent, Outbox};
+use crate::backplanes::{self, BackplaneEvent};
 use crate::manifest::Manifest;
 use crate::preview::Previews;
 use crate::sinks::{FileKind, Files, Picture, SinkError};
@@ -20,7 +20,7 @@ use crate::stitch::{Shown, Stitcher};
 use crate::terms::{Heed, Terms};
 use crate::together::{self, wall_clock_ns};
 use crate::window::{Place, Window};
-use ::link::{Arrival, Incoming, Listener, Roster, Stream, Trust, check_board, denied};
+use ::link::{Arrival, Incoming, Listener, Outbox, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
 use futures_util::StreamExt;
 use proto::codec;
@@ -37,7 +37,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
-use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
@@ -146,12 +145,11 @@ pub async fn run(
     listening: impl FnOnce(SocketAddr),
 ) -> Result<u64, CompositorError> {
     let cannot_listen = |error| CompositorError::Listen(config.listen, error);
-    let listener = TcpListener::bind(config.listen).await.map_err(cannot_listen)?;
+    let listener = Listener::bind(config.listen, config.trust.clone()).await.map_err(cannot_listen)?;
     let address = listener.local_addr().map_err(cannot_listen)?;
     listening(address);
     let (events, inbox) = mpsc::channel(TILE_QUEUE);
     let roster = watch::Sender::new(Roster::new());
-    let listener = Listener::new(listener, config.trust.clone());
     let accepting = tokio::spawn(accept(listener, events, roster.subscribe()));
 
     let files = match &config.out {
@@ -293,13 +291,6 @@ impl Shell {
                 tracing::info!(backplane = %self.config.backplanes[index], "connected");
                 self.backplanes[index].outbox = Some(outbox);
             }
-            BackplaneEvent::Refused(index, reason) => {
-                let backplane = self.config.backplanes[index].clone();
-                if is_only {
-                    return Err(End::Failed(CompositorError::Refused(backplane, reason)));
-                }
-                tracing::warn!(%backplane, %reason, "refused by one of the backplanes");
-            }
             BackplaneEvent::Down(index, error) => {
                 tracing::debug!(backplane = %self.config.backplanes[index], %error, "no backplane");
                 // The next one calls boards by other keys.
@@ -307,7 +298,7 @@ impl Shell {
                 self.terms.on_lost(index);
                 self.tell_roster();
             }
-            BackplaneEvent::Said(index, message) => return self.on_message(index, message, is_only),
+            BackplaneEvent::Said(index, message, _) => return self.on_message(index, *message, is_only),
         }
         Ok(())
     }
@@ -317,7 +308,11 @@ impl Shell {
         match message {
             ToCompositor::Welcome => {}
             ToCompositor::Refused { reason } => {
-                return self.on_backplane(BackplaneEvent::Refused(index, reason));
+                let backplane = self.config.backplanes[index].clone();
+                if is_only {
+                    return Err(End::Failed(CompositorError::Refused(backplane, reason)));
+                }
+                tracing::warn!(%backplane, %reason, "refused by one of the backplanes");
             }
             ToCompositor::Views(views) => {
                 self.backplanes[index].views = views;

@@ -24,13 +24,14 @@ mod neighbours;
 mod outlet;
 mod painter;
 mod session;
+pub mod simulation;
 mod terms;
 mod timeline;
 
 use crate::pipeline::Renderer;
 use crate::simd::SimdLevel;
 use backplanes::Backplanes;
-use link::Trust;
+use link::{Listener, Trust};
 use neighbours::Neighbours;
 use painter::Painter;
 use session::Board;
@@ -39,7 +40,6 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
-use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 /// How long a board that was told to end waits until others draw its share.
@@ -95,14 +95,30 @@ pub async fn run(
     listening: impl FnOnce(SocketAddr),
 ) -> Result<(), WorkerError> {
     let cannot_listen = |error| WorkerError::Listen(config.listen, error);
-    let listener = TcpListener::bind(config.listen).await.map_err(cannot_listen)?;
+    let listener = Listener::bind(config.listen, config.trust.clone()).await.map_err(cannot_listen)?;
     let address = listener.local_addr().map_err(cannot_listen)?;
+    let painter = paint(&config)?;
+    listening(address);
+    serve(config, listener, address, painter, &shutdown).await
+}
+
+/// Starts the threads that draw.
+fn paint(config: &Config) -> Result<Painter, WorkerError> {
     let mut renderer = Renderer::new(config.threads).map_err(|error| WorkerError::Threads(error.to_string()))?;
     renderer.set_simd(config.simd);
-    let painter = Painter::start(renderer, config.memory).map_err(|error| WorkerError::Threads(error.to_string()))?;
+    Painter::start(renderer, config.memory).map_err(|error| WorkerError::Threads(error.to_string()))
+}
+
+/// Carries all links, until `shutdown` or the rig's end. `address` is where `listener` listens.
+async fn serve(
+    config: Config,
+    listener: Listener,
+    address: SocketAddr,
+    painter: Painter,
+    shutdown: &CancellationToken,
+) -> Result<(), WorkerError> {
     let neighbours = Neighbours::listen(listener, config.trust.clone());
-    listening(address);
     let config = Arc::new(config);
     let backplanes = Backplanes::keep(&config, address);
-    Board::new(config, painter, neighbours).run(backplanes, &shutdown).await
+    Board::new(config, painter, neighbours).run(backplanes, shutdown).await
 }

@@ -15,7 +15,6 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
@@ -60,11 +59,10 @@ pub(super) struct Neighbours {
 
 impl Neighbours {
     /// Listens for right neighbours as long as the runtime lives.
-    pub(super) fn listen(listener: TcpListener, trust: Trust) -> Self {
+    pub(super) fn listen(listener: Listener, trust: Trust) -> Self {
         let (facts, inbox) = mpsc::channel(FACTS);
         let next = Arc::new(AtomicU64::new(1));
         let roster = watch::Sender::new(Roster::new());
-        let listener = Listener::new(listener, trust.clone());
         tokio::spawn(accept(listener, facts.clone(), next.clone(), roster.subscribe()));
         Self { facts, inbox, links: BTreeMap::new(), next, trust, roster }
     }

@@ -29,7 +29,7 @@ pub(super) fn keep(
     let cut = CancellationToken::new();
     let ended = cut.clone();
     tokio::spawn(async move {
-        let mut backoff = Backoff::new(key.0 ^ u64::from(std::process::id()));
+        let mut backoff = trust.backoff(key.0);
         let address = &sink.address;
         let keeping = async {
             loop {

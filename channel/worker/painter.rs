@@ -28,7 +28,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 /// Answers that may wait for the session.
-const ANSWERS: usize = 64;
+pub(super) const ANSWERS: usize = 64;
 
 /// What the painter is asked to do.
 #[derive(Debug)]
@@ -70,11 +70,11 @@ pub(super) enum Painted {
 /// The session's end of the painter and its loader.
 #[derive(Debug)]
 pub(super) struct Painter {
-    work: Sender<Work>,
-    pieces: Sender<Raw>,
+    pub(super) work: Sender<Work>,
+    pub(super) pieces: Sender<Raw>,
     /// With the session that each belongs to.
-    answers: mpsc::Receiver<(u64, Painted)>,
-    session: u64,
+    pub(super) answers: mpsc::Receiver<(u64, Painted)>,
+    pub(super) session: u64,
 }
 
 impl Painter {

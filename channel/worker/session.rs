@@ -6,11 +6,12 @@
 
 mod service;
 
-use super::backplanes::{BackplaneEvent, Backplanes, Outbox};
+use super::backplanes::{BackplaneEvent, Backplanes};
 use super::neighbours::Neighbours;
 use super::painter::{Painter, Work};
 use super::terms::{Heed, Terms};
 use super::{Config, LEAVE_TIMEOUT, WorkerError, outlet};
+use ::link::Outbox;
 use bytes::Bytes;
 use proto::chain::{Answer, BoardChain, BoardOutput, ToBoardChain};
 use proto::codec::{self, CodecError, encode};
@@ -21,7 +22,7 @@ use proto::message::{FromBoard, TileSink, ToBoard};
 use proto::time::Time;
 use service::Service;
 use std::sync::Arc;
-use std::time::Instant;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 /// Why no more of a session is followed.
@@ -130,7 +131,7 @@ impl Board {
                     if self.sessions.iter().all(Option::is_none) {
                         return Ok(());
                     }
-                    leaving = Some(tokio::time::Instant::now() + LEAVE_TIMEOUT);
+                    leaving = Some(Instant::now() + LEAVE_TIMEOUT);
                     for index in 0..self.sessions.len() {
                         self.say(index, &FromBoard::Leave, &[]);
                     }

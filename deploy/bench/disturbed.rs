@@ -1,5 +1,5 @@
-//! `cyclorama bench chain --flight`: a long flight with a random board killed, stopped, cut off, asked to leave or added every few seconds, whose every view is
-//! compared with an undisturbed flight's.
+//! `cyclorama bench chain --flight`: a long flight in which every few seconds a random board is killed, stopped, cut off, asked to leave or added, or its link to the
+//! backplane is silent one way, slowed, limited, loses a segment or is reset; every view is compared with an undisturbed flight's.
 
 use super::chain::Random;
 use super::fleet::{self, Fleet, Look, Plan, said};
@@ -8,6 +8,7 @@ use crate::error::CommandError;
 use crate::output::{note, say};
 use ::bench::Report;
 use ::bench::disturbed::{Row, Undisturbed, figures, table};
+use ::bench::relay::{Relay, Slowness, Way};
 use manager::host::camera::CameraFile;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
@@ -16,15 +17,32 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// How long a board is silent or cut off: long enough to be put out.
+/// How long a board is silent, cut off or slowed: long enough to be put out.
 const ABSENCE: Duration = Duration::from_secs(1);
 /// What is lost so long after it was touched, is lost for another reason.
 const CONSEQUENCES: Duration = Duration::from_secs(4);
 /// Boards that fly besides those that were asked for, at most.
 const EXTRA: usize = 2;
 
-/// What is done to a board.
-const DEEDS: [Deed; 5] = [Deed::Kill, Deed::Stop, Deed::Cut, Deed::Add, Deed::Leave];
+/// How long a slowed link takes each way, and how much longer at most: another site's.
+const DELAY: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(10)];
+/// What passes over a limited link each way, bytes a second: a moving eye's lists, just about.
+const RATE: u32 = 64 << 10;
+
+/// What is done to a board, or to its link to the backplane.
+const DEEDS: [Deed; 11] = [
+    Deed::Kill,
+    Deed::Stop,
+    Deed::Cut,
+    Deed::Add,
+    Deed::Leave,
+    Deed::Deafen,
+    Deed::Mute,
+    Deed::Slow,
+    Deed::Limit,
+    Deed::Lose,
+    Deed::Reset,
+];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Deed {
@@ -33,6 +51,12 @@ enum Deed {
     Cut,
     Add,
     Leave,
+    Deafen,
+    Mute,
+    Slow,
+    Limit,
+    Lose,
+    Reset,
 }
 
 impl Deed {
@@ -43,6 +67,32 @@ impl Deed {
             Self::Cut => "cut off",
             Self::Add => "added",
             Self::Leave => "asked to leave",
+            Self::Deafen => "deafened",
+            Self::Mute => "not heard",
+            Self::Slow => "slowed",
+            Self::Limit => "limited",
+            Self::Lose => "missing a segment",
+            Self::Reset => "reset",
+        }
+    }
+
+    /// Begins what is done to a link. A deed that isn't one does nothing to it.
+    fn begin(self, relay: &Relay, seed: u64) {
+        let slow = |slowness| [Way::There, Way::Back].map(|way| relay.slow(way, slowness));
+        match self {
+            Self::Cut => relay.silence(),
+            Self::Deafen => relay.silence_one(Way::Back),
+            Self::Mute => relay.silence_one(Way::There),
+            Self::Slow => {
+                let [delay, jitter] = DELAY;
+                slow(Slowness { delay, jitter, rate: None, seed });
+            }
+            Self::Limit => {
+                slow(Slowness { rate: Some(RATE), ..Slowness::default() });
+            }
+            Self::Lose => relay.lose(if seed.is_multiple_of(2) { Way::There } else { Way::Back }),
+            Self::Reset => relay.reset(),
+            Self::Kill | Self::Stop | Self::Add | Self::Leave => {}
         }
     }
 }
@@ -61,8 +111,12 @@ pub(super) fn disturbed(args: &ChainArgs, seconds: f64) -> Result<(), CommandErr
         args.every
     ));
     let plan = Plan { manifest: Some(&flown), relays: true, ..Plan::new(&args.fleet, &camera) };
-    let mut flight =
-        Flight { fleet: Fleet::start(plan)?, random: Random(args.seed), touched: BTreeMap::new(), counts: [0; 5] };
+    let mut flight = Flight {
+        fleet: Fleet::start(plan)?,
+        random: Random(args.seed),
+        touched: BTreeMap::new(),
+        counts: [0; DEEDS.len()],
+    };
     let mut row = flight.fly(args, seconds)?;
     drop(flight);
     let manifest = File::open(&flown).map_err(|error| CommandError::file(&flown, error))?;
@@ -101,7 +155,7 @@ struct Flight<'a> {
     random: Random,
     /// When something was last done to the board of that name.
     touched: BTreeMap<String, Instant>,
-    counts: [usize; 5],
+    counts: [usize; DEEDS.len()],
 }
 
 impl Flight<'_> {
@@ -143,7 +197,7 @@ impl Flight<'_> {
     /// Does something to a random board.
     fn disturb(&mut self, boards: usize) -> Result<(), CommandError> {
         let count = self.fleet.boards.len();
-        let deed = match DEEDS[(self.random.next() % 5) as usize] {
+        let deed = match DEEDS[(self.random.next() % DEEDS.len() as u64) as usize] {
             Deed::Add if count >= boards + EXTRA => Deed::Leave,
             Deed::Leave if count <= boards => Deed::Add,
             other => other,
@@ -166,16 +220,19 @@ impl Flight<'_> {
                 std::thread::sleep(ABSENCE);
                 self.fleet.signal(board, Signal::CONT)?;
             }
-            Deed::Cut => {
-                self.fleet.cut(board, true);
-                std::thread::sleep(ABSENCE);
-                self.fleet.cut(board, false);
-            }
             Deed::Add => self.fleet.add()?,
             Deed::Leave => {
                 self.fleet.signal(board, Signal::TERM)?;
                 std::thread::sleep(ABSENCE);
                 self.fleet.forget(board);
+            }
+            Deed::Cut | Deed::Deafen | Deed::Mute | Deed::Slow | Deed::Limit | Deed::Lose | Deed::Reset => {
+                let seed = self.random.next();
+                if let Some(relay) = self.fleet.relay(board) {
+                    deed.begin(relay, seed);
+                    std::thread::sleep(ABSENCE);
+                    relay.mend();
+                }
             }
         }
         Ok(())

@@ -32,7 +32,7 @@ pub(super) struct Plan<'a> {
     pub(super) rate: f64,
     /// Where the compositor writes what it shows.
     pub(super) manifest: Option<&'a Path>,
-    /// Whether each board reaches the backplane through a relay that can be cut.
+    /// Whether each board reaches the backplane through a relay that can be cut and slowed.
     pub(super) relays: bool,
     /// Whether each view has a display of its own, instead of one compositor for all.
     pub(super) displays: bool,
@@ -168,11 +168,9 @@ impl<'a> Fleet<'a> {
         send(&self.boards[board].child, signal)
     }
 
-    /// Cuts a board off from the backplane, so that neither hears of it, or mends that; if it has a relay.
-    pub(super) fn cut(&self, board: usize, is_cut: bool) {
-        if let Some(relay) = &self.boards[board].relay {
-            if is_cut { relay.silence() } else { relay.mend() }
-        }
+    /// What stands between a board and the backplane, if it has a relay.
+    pub(super) fn relay(&self, board: usize) -> Option<&Relay> {
+        self.boards[board].relay.as_ref()
     }
 
     /// The manager's open files, and its resident memory, MiB.

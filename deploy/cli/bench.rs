@@ -234,8 +234,8 @@ pub(crate) struct ChainArgs {
     /// How often the manager is killed and started again
     #[arg(long, default_value = "5", value_name = "N")]
     pub restarts: usize,
-    /// Instead of all that, fly for so long, s, with boards killed, stopped, cut off, asked to leave and added, and compare every view that is shown
-    /// with an undisturbed flight's
+    /// Instead of all that, fly for so long, s, with boards killed, stopped, asked to leave and added and their links cut, silent one way, slowed,
+    /// limited, reset or without a segment, and compare every view that is shown with an undisturbed flight's
     #[arg(long, value_name = "S", value_parser = positive)]
     pub flight: Option<f64>,
     /// How often something is done in such a flight, s

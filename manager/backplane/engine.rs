@@ -45,20 +45,26 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::{Duration, Instant};
-use tokio::net::UdpSocket;
+use std::time::Duration;
 use tokio::sync::oneshot;
+use tokio::time::Instant;
 
 /// Facts taken before the clock is looked at again.
 const FACTS_PER_TURN: usize = 256;
 /// Longest sleep: nothing is due, but a look at the state costs nothing.
 const IDLE: Duration = Duration::from_millis(100);
+/// How often an engine in a task looks into its queue, and is looked at.
+const TASK_PERIOD: Duration = Duration::from_millis(1);
+const LOOK_PERIOD: Duration = Duration::from_millis(10);
 /// Silence that means death where frames have no deadline: nobody is late there, so a machine may be as busy as it likes.
 const LOCK_STEP_SILENCE: Duration = Duration::from_secs(5);
 /// How long after the last request for the console's picture previews are still made.
 const PREVIEW_INTEREST: Duration = Duration::from_secs(3);
 /// Shortest time between previews.
 const PREVIEW_PERIOD: Duration = Duration::from_millis(90);
+
+/// Where answers to hosts go; sending never waits.
+pub(crate) type Answers = Box<dyn Fn(&[u8], SocketAddr) -> std::io::Result<usize> + Send>;
 
 /// A fact.
 #[derive(Debug)]
@@ -181,7 +187,7 @@ struct Source {
 pub(crate) struct Engine {
     config: Config,
     content: Arc<Content>,
-    poses: Arc<UdpSocket>,
+    answers: Answers,
     started: Instant,
     chain: BackplaneChain,
     clock: FrameClock,
@@ -235,7 +241,7 @@ impl Engine {
         mut config: Config,
         content: Arc<Content>,
         catalogue: Catalogue,
-        poses: Arc<UdpSocket>,
+        answers: Answers,
         traffic: Arc<Traffic>,
         started: Instant,
     ) -> Self {
@@ -253,7 +259,7 @@ impl Engine {
         Self {
             config,
             content,
-            poses,
+            answers,
             started,
             chain,
             clock,
@@ -291,26 +297,49 @@ impl Engine {
     pub(crate) fn run(mut self, inbox: &Receiver<Event>) -> Report {
         while !self.is_over {
             match inbox.recv_timeout(self.sleep()) {
-                Ok(event) => {
-                    self.on_event(event);
-                    for event in inbox.try_iter().take(FACTS_PER_TURN) {
-                        self.on_event(event);
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) => {}
+                Ok(event) => self.turn(std::iter::once(event).chain(inbox.try_iter())),
+                Err(RecvTimeoutError::Timeout) => self.turn(std::iter::empty()),
                 Err(RecvTimeoutError::Disconnected) => break,
             }
-            let now = self.now();
-            self.chain.on_timeout(now);
-            self.clock.on_timeout(now);
-            self.drain();
-            self.attend();
-            self.admit();
-            self.take_waiting_pose();
-            self.open_if_due();
-            self.select_ahead_if_due();
-            self.drain();
         }
+        self.end()
+    }
+
+    /// Likewise on the clock of the task's runtime, which may be a simulated one. Nothing wakes a task that a thread's queue is for, so it looks
+    /// into that every millisecond; `look` hears how the rig is, every so often.
+    pub(crate) async fn run_in_task(mut self, inbox: Receiver<Event>, mut look: impl FnMut(Report) + Send) -> Report {
+        let mut looked = None;
+        while !self.is_over {
+            let now = self.now();
+            if looked.is_none_or(|at| now.since(at) >= LOOK_PERIOD) {
+                looked = Some(now);
+                look(self.report());
+            }
+            self.turn(inbox.try_iter());
+            tokio::time::sleep(self.sleep().clamp(Duration::from_micros(1), TASK_PERIOD)).await;
+        }
+        self.end()
+    }
+
+    /// Takes what has come, and does what is due.
+    fn turn(&mut self, events: impl Iterator<Item = Event>) {
+        for event in events.take(FACTS_PER_TURN + 1) {
+            self.on_event(event);
+        }
+        let now = self.now();
+        self.chain.on_timeout(now);
+        self.clock.on_timeout(now);
+        self.drain();
+        self.attend();
+        self.admit();
+        self.take_waiting_pose();
+        self.open_if_due();
+        self.select_ahead_if_due();
+        self.drain();
+    }
+
+    /// Says goodbye; what was done.
+    fn end(&self) -> Report {
         for board in self.boards.values() {
             board.outbox.send(encode(&ToBoard::Goodbye, &[]));
             board.outbox.close();

@@ -19,7 +19,6 @@ use bytes::Bytes;
 use futures_util::SinkExt;
 use futures_util::stream::{SplitSink, SplitStream, StreamExt};
 use link::{Arrival, Expected, Identity, Incoming, Listener, NodeRole, Stream, Trust};
-use proto::backoff::Backoff;
 use proto::chain::BetweenBackplanes;
 use proto::codec;
 use proto::ids::{BoardKey, ContentId};
@@ -32,8 +31,9 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::sync::mpsc;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 /// Messages that may wait for one link.
@@ -234,7 +234,7 @@ pub(crate) async fn dial(
     content: Arc<Content>,
     traffic: Arc<Traffic>,
 ) {
-    let mut backoff = Backoff::new(std::process::id().into());
+    let mut backoff = trust.backoff(0);
     loop {
         let connecting = async {
             let stream = trust.connect(&address, &Expected::any(NodeRole::Manager)).await?;

@@ -20,6 +20,7 @@
 //! | `spans` | the same as spans, for traces |
 //! | `live` | what the console is told, and may ask for |
 //! | `desk` | where the console asks; itself it is the room beside this one |
+//! | `simulation` | all of it in simulated time, for tests |
 //! | `token` | what somebody must know to change anything there |
 
 mod ahead;
@@ -35,6 +36,7 @@ mod links;
 mod lists;
 pub(crate) mod live;
 mod residency;
+pub mod simulation;
 #[cfg(feature = "console")]
 pub(crate) mod spans;
 pub(crate) mod statistics;
@@ -51,7 +53,7 @@ pub use token::{Token, TokenError};
 
 use crate::host::native::SequenceFilter;
 use content::Content;
-use engine::{Engine, Event};
+use engine::{Answers, Engine, Event};
 use link::{Listener, Trust};
 use links::Traffic;
 use proto::chain::ClockMode;
@@ -62,9 +64,10 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::sync::mpsc::SyncSender;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use thiserror::Error;
 use tokio::net::{TcpListener, UdpSocket};
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 /// Facts that may wait for the engine. A burst of 256 boards' reports fits many times over.
@@ -162,7 +165,7 @@ pub async fn run(
 ) -> Result<Report, ManagerError> {
     let cannot = |address, what, option| move |error| ManagerError::Listen { address, what, option, error };
     let failed = cannot(config.listen, "boards", "--listen");
-    let backplane = TcpListener::bind(config.listen).await.map_err(failed)?;
+    let backplane = Listener::bind(config.listen, config.trust.clone()).await.map_err(failed)?;
     let failed = cannot(config.pose_listen, "pose packets", "--pose-listen");
     let poses = Arc::new(UdpSocket::bind(config.pose_listen).await.map_err(failed)?);
     let console = match config.console_listen {
@@ -186,9 +189,10 @@ pub async fn run(
     let traffic = Arc::new(Traffic::default());
     let (facts, inbox) = std::sync::mpsc::sync_channel(ENGINE_QUEUE);
     let started = Instant::now();
-    let listener = Listener::new(backplane, config.trust.clone());
     let dialled = config.stands_by_for.clone().map(|address| (address, config.trust.clone()));
-    let engine = Engine::new(config, content.clone(), catalogue, poses.clone(), traffic.clone(), started);
+    let outlet = poses.clone();
+    let answers: Answers = Box::new(move |answer, to| outlet.try_send_to(answer, to));
+    let engine = Engine::new(config, content.clone(), catalogue, answers, traffic.clone(), started);
     let (ended, end) = tokio::sync::oneshot::channel();
     std::thread::Builder::new()
         .name("engine".into())
@@ -198,7 +202,7 @@ pub async fn run(
 
     let mut tasks = tokio::task::JoinSet::new();
     let keys = links::first_key(dialled.is_some());
-    tasks.spawn(links::listen(listener, facts.clone(), content.clone(), traffic.clone(), keys));
+    tasks.spawn(links::listen(backplane, facts.clone(), content.clone(), traffic.clone(), keys));
     if let Some((address, trust)) = dialled {
         tasks.spawn(links::dial(address, trust, facts.clone(), content, traffic));
     }

@@ -1,6 +1,7 @@
 //! Accepting connections, within bounds.
 
 use crate::gate::{Full, Gate};
+use crate::network::{Door, Socket};
 use crate::stream::Stream;
 use crate::trust::Trust;
 use proto::link::LinkError;
@@ -8,8 +9,8 @@ use proto::time::Time;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
-use tokio::net::{TcpListener, TcpStream};
+use std::time::Duration;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 /// Whoever is refused at the door is counted, and told of so often at most.
@@ -44,7 +45,7 @@ struct Tally {
 /// A listening socket with its bounds.
 #[derive(Debug)]
 pub struct Listener {
-    socket: TcpListener,
+    door: Door,
     trust: Trust,
     gate: Arc<Mutex<Gate>>,
     started: Instant,
@@ -52,9 +53,21 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Takes connections from `socket`, protected as `trust` says.
-    pub fn new(socket: TcpListener, trust: Trust) -> Self {
-        Self { socket, trust, gate: Arc::default(), started: Instant::now(), refused: None }
+    /// Takes connections at `address`, protected as `trust` says; port 0: any free port.
+    ///
+    /// # Errors
+    /// The system's.
+    pub async fn bind(address: SocketAddr, trust: Trust) -> io::Result<Self> {
+        let door = trust.listen(address).await?;
+        Ok(Self { door, trust, gate: Arc::default(), started: Instant::now(), refused: None })
+    }
+
+    /// Where it listens.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.door.local_addr()
     }
 
     /// The next arrival. Cancel-safe.
@@ -65,7 +78,7 @@ impl Listener {
             }
             let tell_at = self.refused.as_ref().map(|tally| tally.tell_at);
             let accepted = tokio::select! {
-                accepted = self.socket.accept() => accepted,
+                accepted = self.door.accept() => accepted,
                 () = sleep_until(tell_at) => continue,
             };
             match accepted {
@@ -81,7 +94,7 @@ impl Listener {
         }
     }
 
-    fn admit(&self, stream: TcpStream, from: SocketAddr) -> Result<Incoming, Full> {
+    fn admit(&self, stream: Socket, from: SocketAddr) -> Result<Incoming, Full> {
         let now = Time(self.started.elapsed().as_nanos() as u64);
         let (ticket, end) = lock(&self.gate).on_arrival(now, from.ip())?;
         let place = Place { gate: self.gate.clone(), ticket, from, end };
@@ -98,7 +111,7 @@ impl Listener {
 
 async fn sleep_until(at: Option<Instant>) {
     match at {
-        Some(at) => tokio::time::sleep_until(at.into()).await,
+        Some(at) => tokio::time::sleep_until(at).await,
         None => std::future::pending().await,
     }
 }
@@ -127,7 +140,7 @@ impl Drop for Place {
 /// Somebody who has connected.
 #[derive(Debug)]
 pub struct Incoming {
-    stream: TcpStream,
+    stream: Socket,
     place: Place,
     trust: Trust,
 }

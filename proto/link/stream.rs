@@ -2,19 +2,19 @@
 
 use crate::explain::plainly;
 use crate::identity::Identity;
+use crate::network::Socket;
 use std::io;
 use std::net::SocketAddr;
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::TcpStream;
 use tokio_rustls::TlsStream;
 
 #[derive(Debug)]
 enum Inner {
-    Plain(TcpStream),
+    Plain(Socket),
     // Hundreds of bytes of keys and state, beside a socket's few.
-    Tls(Box<TlsStream<TcpStream>>),
+    Tls(Box<TlsStream<Socket>>),
 }
 
 /// A connection to a peer whose certificate, where there are keys, has been found good.
@@ -25,12 +25,12 @@ pub struct Stream {
 }
 
 impl Stream {
-    pub(crate) fn plain(stream: TcpStream) -> Self {
+    pub(crate) fn plain(stream: Socket) -> Self {
         Self { inner: Inner::Plain(stream), peer: None }
     }
 
     /// After the handshake; an error if the certificate is no node's.
-    pub(crate) fn tls(stream: TlsStream<TcpStream>) -> io::Result<Self> {
+    pub(crate) fn tls(stream: TlsStream<Socket>) -> io::Result<Self> {
         let certificates = stream.get_ref().1.peer_certificates();
         let peer = certificates.and_then(|chain| Identity::of(chain.first()?));
         let peer = peer.ok_or_else(|| io::Error::other("its certificate names no node of a rig"))?;

@@ -9,13 +9,14 @@ use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::{ClientConfig, RootCertStore};
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
 use time::OffsetDateTime;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpStream;
 
 struct Authority {
     issuer: Issuer<'static, KeyPair>,
@@ -58,11 +59,14 @@ fn names(role: NodeRole, name: &str) -> Vec<String> {
     vec![role.role_name(), role.node_name(name)]
 }
 
+fn any_port() -> SocketAddr {
+    SocketAddr::from(([127, 0, 0, 1], 0))
+}
+
 /// What both sides get of one attempt: who the server's peer is, and who the client's.
 async fn meet(server: Trust, client: Trust, expected: Expected) -> [Result<Option<Identity>, String>; 2] {
-    let socket = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = socket.local_addr().unwrap().to_string();
-    let mut listener = Listener::new(socket, server);
+    let mut listener = Listener::bind(any_port(), server).await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
     let accepting = async {
         let Arrival::Peer(incoming) = listener.next().await else { panic!("it is let in") };
         let greeting = |mut stream: Stream| async move {
@@ -186,9 +190,8 @@ async fn a_rig_changes_its_authority_with_both_in_the_file_meanwhile() {
 #[tokio::test]
 async fn a_handshake_that_stalls_ends() {
     let rig = Authority::new();
-    let socket = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = socket.local_addr().unwrap();
-    let mut listener = Listener::new(socket, rig.trust(NodeRole::Manager, "desk"));
+    let mut listener = Listener::bind(any_port(), rig.trust(NodeRole::Manager, "desk")).await.unwrap();
+    let address = listener.local_addr().unwrap();
     let mut stalled = TcpStream::connect(address).await.unwrap();
     // The head of a record that never comes.
     stalled.write_all(&[22, 3, 1, 2, 0]).await.unwrap();
@@ -218,9 +221,8 @@ async fn knock_with(names: &[String], days: [i64; 2]) -> String {
     let folder = tempfile::tempdir().unwrap();
     rig.issue_into(folder.path(), names, days);
     let client = client_unchecked(folder.path());
-    let socket = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = socket.local_addr().unwrap();
-    let mut listener = Listener::new(socket, rig.trust(NodeRole::Manager, "desk"));
+    let mut listener = Listener::bind(any_port(), rig.trust(NodeRole::Manager, "desk")).await.unwrap();
+    let address = listener.local_addr().unwrap();
     let accepting = async {
         let Arrival::Peer(incoming) = listener.next().await else { panic!("it is let in") };
         let greeting = |_: Stream| async { Ok::<_, LinkError>(()) };

@@ -3,15 +3,16 @@
 use crate::explain::plainly;
 use crate::identity::{Identity, NodeRole};
 use crate::keys::{Credentials, Keys, KeysError};
+use crate::network::{Door, Ground, Network, Socket};
 use crate::stream::Stream;
+use proto::backoff::Backoff;
 use rustls::pki_types::ServerName;
 use std::io;
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
 /// A rig's machines are near each other: what doesn't answer a connection in this time is gone, perhaps to another address, and is better looked for again.
@@ -54,32 +55,50 @@ enum Means {
     Keys(Arc<Keys>),
 }
 
-/// How a daemon's links are protected. Cheap to clone.
+/// How a daemon's links are protected, and over what they go. Cheap to clone.
 #[derive(Clone, Debug)]
-pub struct Trust(Means);
+pub struct Trust {
+    means: Means,
+    ground: Ground,
+}
 
 impl Trust {
     /// Without keys, and therefore only to and from this machine.
-    pub const LOOPBACK: Self = Self(Means::Plain { beyond_this_machine: false });
+    pub const LOOPBACK: Self = Self { means: Means::Plain { beyond_this_machine: false }, ground: Ground::System };
     /// Without keys, and anywhere: for networks where everybody is trusted.
-    pub const INSECURE: Self = Self(Means::Plain { beyond_this_machine: true });
+    pub const INSECURE: Self = Self { means: Means::Plain { beyond_this_machine: true }, ground: Ground::System };
 
     /// With the keys in `folder`, which must be those of a node of this role.
     ///
     /// # Errors
     /// [`KeysError`].
     pub fn with_keys(folder: &Path, role: NodeRole) -> Result<Self, KeysError> {
-        Ok(Self(Means::Keys(Arc::new(Keys::open(folder, role)?))))
+        Ok(Self { means: Means::Keys(Arc::new(Keys::open(folder, role)?)), ground: Ground::System })
+    }
+
+    /// The same over another network than the system's.
+    #[must_use]
+    pub fn over(self, network: Arc<dyn Network>) -> Self {
+        Self { ground: Ground::Other(network), ..self }
+    }
+
+    /// How long to wait before a link is dialled again; `which` tells this daemon's links from each other.
+    pub fn backoff(&self, which: u64) -> Backoff {
+        Backoff::new(self.ground.seed() ^ which)
+    }
+
+    pub(crate) async fn listen(&self, address: SocketAddr) -> io::Result<Door> {
+        self.ground.listen(address).await
     }
 
     /// Whether links are TLS.
     pub fn has_keys(&self) -> bool {
-        matches!(self.0, Means::Keys(_))
+        matches!(self.means, Means::Keys(_))
     }
 
     /// Whether a link to or from this address may be without further ado, or be tried with keys.
     pub fn may_reach(&self, ip: IpAddr) -> bool {
-        match self.0 {
+        match self.means {
             Means::Plain { beyond_this_machine } => beyond_this_machine || is_on_this_machine(ip),
             Means::Keys(_) => true,
         }
@@ -87,7 +106,7 @@ impl Trust {
 
     /// Who we are by the keys that the next handshake will use.
     pub async fn identity(&self) -> Option<Identity> {
-        match &self.0 {
+        match &self.means {
             Means::Keys(keys) => Some(current(keys).await.ok()?.identity.clone()),
             Means::Plain { .. } => None,
         }
@@ -99,10 +118,8 @@ impl Trust {
     /// The system's, or why the other side isn't who it should be.
     pub async fn connect(&self, address: &str, expected: &Expected) -> io::Result<Stream> {
         let silent = || io::Error::new(io::ErrorKind::TimedOut, "nobody answers there");
-        let stream =
-            tokio::time::timeout(CONNECT_TIMEOUT, TcpStream::connect(address)).await.map_err(|_| silent())??;
-        stream.set_nodelay(true)?;
-        match &self.0 {
+        let stream = tokio::time::timeout(CONNECT_TIMEOUT, self.ground.dial(address)).await.map_err(|_| silent())??;
+        match &self.means {
             Means::Keys(keys) => {
                 let connector = TlsConnector::from(current(keys).await?.client.clone());
                 let shaking = connector.connect(expected.server_name()?, stream);
@@ -117,9 +134,9 @@ impl Trust {
     }
 
     /// Makes sure of who has connected.
-    pub(crate) async fn accept(&self, stream: TcpStream) -> io::Result<Stream> {
-        stream.set_nodelay(true)?;
-        let Means::Keys(keys) = &self.0 else { return Ok(Stream::plain(stream)) };
+    pub(crate) async fn accept(&self, stream: Socket) -> io::Result<Stream> {
+        stream.send_at_once()?;
+        let Means::Keys(keys) = &self.means else { return Ok(Stream::plain(stream)) };
         let acceptor = TlsAcceptor::from(current(keys).await?.server.clone());
         match in_time(acceptor.accept(stream).into_fallible()).await? {
             Ok(stream) => Stream::tls(stream.into()),
@@ -149,7 +166,7 @@ async fn in_time<T>(handshake: impl Future<Output = T>) -> io::Result<T> {
 
 /// Closes a connection so that the other side can read why: closing it with bytes of its unread would make the system reset it,
 /// and what we have said would be lost.
-async fn linger(mut stream: TcpStream) {
+async fn linger(mut stream: Socket) {
     let draining = async {
         // It may be gone already.
         let _ = stream.shutdown().await;

@@ -18,14 +18,14 @@ use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 
 /// A manager that shows a still picture at its leisure, so that nothing but the chain decides who is put out.
-struct Rig {
-    backplane: SocketAddr,
+pub(crate) struct Rig {
+    pub(crate) backplane: SocketAddr,
     console: SocketAddr,
     manager: Option<Daemon>,
 }
 
 impl Rig {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let mut rig = Self { backplane: free_address(), console: free_address(), manager: None };
         rig.start_manager();
         rig
@@ -40,17 +40,17 @@ impl Rig {
         self.manager = Some(daemon(&[&scene[..], &still[..], &ports[..]].concat()));
     }
 
-    fn wait(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
+    pub(crate) fn wait(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
         wait_for(what, || stats(self.console).filter(|stats| holds(stats)))
     }
 
-    fn compositor(&self, manifest: &Path) -> Daemon {
+    pub(crate) fn compositor(&self, manifest: &Path) -> Daemon {
         let backplane = self.backplane.to_string();
         daemon(&["compositor", "--backplane", &backplane, "--manifest", manifest.to_str().unwrap()])
     }
 }
 
-fn board(name: &str, backplane: SocketAddr, more: &[&str]) -> Daemon {
+pub(crate) fn board(name: &str, backplane: SocketAddr, more: &[&str]) -> Daemon {
     let backplane = backplane.to_string();
     let args = ["channel", "--backplane", &backplane, "--name", name, "--threads", "1", "--memory-limit", "256"];
     daemon(&[&args[..], more].concat())
@@ -62,7 +62,7 @@ fn signal(daemon: &Daemon, signal: Signal) {
 }
 
 /// Events of a kind about a board, or about any.
-fn count(stats: &Value, event: &str, about: &str) -> usize {
+pub(crate) fn count(stats: &Value, event: &str, about: &str) -> usize {
     let events = stats["events"].as_array().map_or(&[][..], Vec::as_slice);
     let is_one = |line: &&Value| line["event"] == event && line["detail"].as_str().unwrap_or_default().contains(about);
     events.iter().filter(is_one).count()

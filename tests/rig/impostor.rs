@@ -10,7 +10,7 @@ use proto::limits;
 use proto::link::{self, Link};
 use proto::message::{FromBoard, Hello, NeighbourMessage, Role, TileMessage, ToBoard, ToCompositor};
 use serde::Serialize;
-use tokio::net::TcpListener;
+use std::net::SocketAddr;
 
 /// The backplane of a rig whose only other daemon is the one under test.
 struct Backplane {
@@ -18,12 +18,16 @@ struct Backplane {
     address: String,
 }
 
+/// At any port of this machine.
+async fn listen(trust: Trust) -> Listener {
+    Listener::bind(SocketAddr::from(([127, 0, 0, 1], 0)), trust).await.unwrap()
+}
+
 impl Backplane {
     async fn open(authority: &Authority) -> Self {
-        let socket = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let address = socket.local_addr().unwrap().to_string();
-        let trust = trust(authority, NodeRole::Manager, "desk");
-        Self { listener: Listener::new(socket, trust), address }
+        let listener = listen(trust(authority, NodeRole::Manager, "desk")).await;
+        let address = listener.local_addr().unwrap().to_string();
+        Self { listener, address }
     }
 
     async fn greet(&mut self) -> (Link<Stream>, Hello, ::link::Place) {
@@ -111,9 +115,8 @@ async fn a_board_takes_no_place_from_a_left_neighbour_that_is_another() {
     ]);
     let (mut board, _, _place) = backplane.greet().await;
 
-    let socket = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = socket.local_addr().unwrap().to_string();
-    let mut other = Listener::new(socket, trust(&authority, NodeRole::Board, "other"));
+    let mut other = listen(trust(&authority, NodeRole::Board, "other")).await;
+    let address = other.local_addr().unwrap().to_string();
     let epoch = Epoch(1);
     say(&mut board, &ToBoard::Welcome { key: BoardKey(1) }).await;
     say(&mut board, &ToBoard::Neighbours(vec![(BoardKey(2), "second".into())])).await;

@@ -19,10 +19,12 @@ mod impostor;
 mod keys;
 mod lifecycle;
 mod lights;
+mod namespaces;
 mod pictures;
 mod place;
 #[allow(dead_code, reason = "what all suites share; each uses a part")]
 mod program;
+mod relayed;
 mod standby;
 mod still;
 mod streaming;

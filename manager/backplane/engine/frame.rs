@@ -12,7 +12,8 @@ use proto::message::{FrameHeader, FramePayload, ListUpdate, ToBoard, ToComposito
 use proto::share::shares;
 use proto::time::Time;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use tokio::time::Instant;
 
 /// How long a frame stands for where frames have no time: for the eye's speed.
 const LOCK_STEP_PERIOD: Duration = Duration::from_nanos(16_666_667);

@@ -71,7 +71,7 @@ impl Engine {
 
     fn send_answer(&self, to: SocketAddr, answer: Answer) {
         // A full socket buffer or a host that is gone: it will ask again.
-        if let Err(error) = self.poses.try_send_to(&answer.encode(), to) {
+        if let Err(error) = (self.answers)(&answer.encode(), to) {
             tracing::debug!(%to, %error, "answer not sent");
         }
     }
