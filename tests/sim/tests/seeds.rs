@@ -50,7 +50,7 @@ fn ten_thousand_rigs_of_eight_boards_are_looked_at() {
     let plans =
         SHARE.iter().flat_map(|(faults, from, count)| (*from..from + count).map(|seed| Plan::draw(seed, *faults)));
     assert!(plans.filter(|plan| plan.boards == BOARDS_MAX).count() >= 10_000);
-    assert!(END >= 5_000_000_000, "each for five seconds or more");
+    const { assert!(END >= 5_000_000_000, "each for five seconds or more") };
 }
 
 #[test]

@@ -204,14 +204,12 @@ impl State {
                 }
                 self.heeds(from, board, epoch.term());
             }
-            Message::Frame { term: of, seen, frame } => {
-                if self.heeds(from, board, of) {
-                    let Board { term, placed, .. } = &mut self.boards[board];
-                    term.on_frame(frame);
-                    term.on_active(seen);
-                    placed[from] = Some(seen);
-                    self.post(board + 2, from, Message::Ready { epoch: seen.epoch, frame });
-                }
+            Message::Frame { term: of, seen, frame } if self.heeds(from, board, of) => {
+                let Board { term, placed, .. } = &mut self.boards[board];
+                term.on_frame(frame);
+                term.on_active(seen);
+                placed[from] = Some(seen);
+                self.post(board + 2, from, Message::Ready { epoch: seen.epoch, frame });
             }
             _ => {}
         }
