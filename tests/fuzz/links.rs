@@ -16,11 +16,8 @@ pub(crate) fn poses(bytes: &[u8]) {
         let twice = PosePacket::decode(&again).expect("a packet that was decoded can be sent");
         let near = (twice.eye.orientation.dot(packet.eye.orientation) - 1.0).abs() < 1e-12;
         assert!(near && twice.eye.position == packet.eye.position, "the eye comes as it went");
-        assert_eq!(
-            (twice.sequence, twice.answer, twice.lens),
-            (packet.sequence, packet.answer, packet.lens),
-            "what it was"
-        );
+        let rest = |packet: &PosePacket| (packet.sequence, packet.answer, packet.lens);
+        assert_eq!(rest(&twice), rest(&packet), "and the rest");
         assert_eq!(twice.models, packet.models, "and the models");
         let entities = || packet.entities.iter().zip(&twice.entities);
         assert!(twice.entities.len() == packet.entities.len(), "all entities");

@@ -1,6 +1,7 @@
 //! What is done to a simulated rig, and what must come of it.
 
 use cyclorama_shell::{Census, Entry, Rig, of, undisturbed};
+use proto::frame::REFERENCE_TILE;
 use proto::limits;
 use proto::link;
 use proto::message::{Hello, Role};
@@ -186,7 +187,7 @@ fn hung(seed: u64) -> String {
     rig.client("hung", async {
         let stream = TcpStream::connect("manager:7400").await?;
         let mut opened = link::open(stream, limits::CONTROL_MESSAGE_MAX).await?;
-        let role = Role::Board { threads: 1, link: "hung:1".into(), memory: 1 << 28 };
+        let role = Role::Board { threads: 1, link: "hung:1".into(), memory: 1 << 28, drawn: REFERENCE_TILE };
         link::send(&mut opened, &Hello { name: "hung".into(), role }, &[]).await?;
         // It takes nothing more.
         tokio::time::sleep(Duration::from_secs(600)).await;
