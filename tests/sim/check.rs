@@ -65,6 +65,8 @@ pub struct Checks {
     last_late: u64,
     /// Something was shown by some term.
     has_term: bool,
+    /// The highest term that each board has drawn by.
+    terms: [Term; 16],
 }
 
 /// In which of its lives the manager was that gave a board this key.
@@ -105,6 +107,11 @@ impl Checks {
     /// A display's process ends; the next one has shown nothing.
     pub fn on_display_lost(&mut self, display: u8) {
         self.shown.remove(&display);
+    }
+
+    /// A board's process ends; the next one remembers no term.
+    pub fn on_board_lost(&mut self, board: u8) {
+        self.terms[usize::from(board)] = Term(0);
     }
 
     /// Something goes wrong from now to `until` that may make frames late.
@@ -166,6 +173,11 @@ impl Checks {
         epoch: Epoch,
         tiles: &[u64],
     ) {
+        let highest = &mut self.terms[usize::from(board)];
+        let before = std::mem::replace(highest, epoch.term().max(*highest));
+        if epoch.term() < before {
+            self.violate(now, format!("board {board} draws {frame:?} by a lower term, {epoch:?}, than {before:?}"));
+        }
         let (boards, drawn) = self.drawn.entry((life(key), frame, epoch)).or_insert_with(|| (0, vec![0; tiles.len()]));
         let twice = *boards >> board & 1 == 1 && tiles.iter().any(|tiles| *tiles != 0);
         *boards |= 1 << board;
@@ -334,6 +346,15 @@ mod tests {
         let draw =
             |checks: &mut Checks, board| checks.on_drawn(1, (board, BoardKey(1)), FrameNumber(1), Epoch(1), &half);
         assert!(said(|c| [1, 2].into_iter().for_each(|board| draw(c, board))).contains("second owner"));
+        let draw_by =
+            |c: &mut Checks, term: u64| c.on_drawn(1, (3, BoardKey(1)), FrameNumber(term), Epoch(term << 32), &half);
+        assert!(said(|c| [2, 1].into_iter().for_each(|term| draw_by(c, term))).contains("by a lower term"));
+        let anew = |c: &mut Checks| {
+            draw_by(c, 2);
+            c.on_board_lost(3);
+            draw_by(c, 1);
+        };
+        assert_eq!(said(anew), "");
         assert!(said(|c| c.on_shown(1, 0, &swap(1, true), &[0], std::slice::from_ref(&half))).contains("tiles are"));
         let open = |c: &mut Checks, epoch| c.on_opened(1, 0, FrameNumber(1), Epoch(epoch));
         assert!(said(|c| [1, 2].into_iter().for_each(|epoch| open(c, epoch))).contains("was opened under"));

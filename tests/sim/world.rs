@@ -157,7 +157,10 @@ impl World {
         self.context.log(node, || "stops".into());
         self.context.net.stop(node, silently);
         match node {
-            Node::Board(i) => self.boards[usize::from(i)] = None,
+            Node::Board(i) => {
+                self.boards[usize::from(i)] = None;
+                self.context.checks.on_board_lost(i);
+            }
             Node::Display(i) => {
                 self.displays[usize::from(i)] = None;
                 self.context.checks.on_display_lost(i);

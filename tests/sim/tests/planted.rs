@@ -34,3 +34,12 @@ fn a_wiring_that_does_not_await_acknowledgements_is_caught() {
     let (seed, what) = catch(Some(Bug::AcknowledgementsNotAwaited), Faults::Any, 300).expect("caught");
     assert!(what.contains("without a cause") || what.contains("row"), "seed {seed}: {what}");
 }
+
+#[test]
+fn a_term_that_is_not_compared_is_caught() {
+    let (seed, what) = catch(Some(Bug::TermNotCompared), Faults::LeaderCut, 400).expect("caught");
+    assert!(
+        what.contains("by a lower term") || what.contains("a second time") || what.contains("row"),
+        "seed {seed}: {what}"
+    );
+}
