@@ -6,6 +6,7 @@
 //!
 //! Poses come as datagrams from outside the rig, and browsers ask for pages: neither is a link, and neither comes through here.
 
+use socket2::{SockRef, TcpKeepalive};
 use std::fmt;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, IoSlice};
@@ -13,8 +14,14 @@ use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
+use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
+
+/// After so long without a word the other machine is asked whether it is there, and again this often; the system gives up after some nine times. Boards
+/// and backplanes find each other out much sooner, by their beats; nobody beats to a compositor, nor to a neighbour.
+const PROBE_AFTER: Duration = Duration::from_secs(2);
+const PROBE_PERIOD: Duration = Duration::from_secs(1);
 
 /// What is waited for.
 pub type Waiting<'a, T> = Pin<Box<dyn Future<Output = io::Result<T>> + Send + 'a>>;
@@ -70,7 +77,7 @@ impl Ground {
         match self {
             Self::System => {
                 let socket = Socket::Tcp(TcpStream::connect(address).await?);
-                socket.send_at_once()?;
+                socket.set_up()?;
                 Ok(socket)
             }
             Self::Other(network) => Ok(Socket::Other(network.dial(address).await?)),
@@ -130,10 +137,15 @@ pub(crate) enum Socket {
 }
 
 impl Socket {
-    /// A message goes out when it is flushed, however small it is.
-    pub(crate) fn send_at_once(&self) -> io::Result<()> {
+    /// A message goes out when it is flushed, however small it is; and a machine that loses its power, or is cut off, while nobody has anything to say to
+    /// it is found out, for it says nothing of that itself.
+    pub(crate) fn set_up(&self) -> io::Result<()> {
         match self {
-            Self::Tcp(stream) => stream.set_nodelay(true),
+            Self::Tcp(stream) => {
+                stream.set_nodelay(true)?;
+                let probes = TcpKeepalive::new().with_time(PROBE_AFTER).with_interval(PROBE_PERIOD);
+                SockRef::from(stream).set_tcp_keepalive(&probes)
+            }
             Self::Other(_) => Ok(()),
         }
     }
@@ -200,6 +212,27 @@ impl AsyncWrite for Socket {
         match self.get_mut() {
             Self::Tcp(stream) => Pin::new(stream).poll_shutdown(cx),
             Self::Other(wire) => Pin::new(wire).poll_shutdown(cx),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn whoever_is_gone_without_a_word_is_found_out_at_both_ends() {
+        let ground = Ground::System;
+        let door = ground.listen(SocketAddr::from(([127, 0, 0, 1], 0))).await.unwrap();
+        let address = door.local_addr().unwrap().to_string();
+        let (dialled, accepted) = tokio::join!(ground.dial(&address), door.accept());
+        let accepted = accepted.unwrap().0;
+        accepted.set_up().unwrap();
+        for socket in [dialled.unwrap(), accepted] {
+            let Socket::Tcp(stream) = socket else { panic!("the system's") };
+            let socket = SockRef::from(&stream);
+            assert!(socket.keepalive().unwrap() && stream.nodelay().unwrap(), "{stream:?}");
+            assert_eq!(socket.tcp_keepalive_time().unwrap(), PROBE_AFTER);
         }
     }
 }

@@ -135,7 +135,7 @@ impl Trust {
 
     /// Makes sure of who has connected.
     pub(crate) async fn accept(&self, stream: Socket) -> io::Result<Stream> {
-        stream.send_at_once()?;
+        stream.set_up()?;
         let Means::Keys(keys) = &self.means else { return Ok(Stream::plain(stream)) };
         let acceptor = TlsAcceptor::from(current(keys).await?.server.clone());
         match in_time(acceptor.accept(stream).into_fallible()).await? {
