@@ -296,7 +296,9 @@ fn two_managers() -> [(Daemon, [std::net::SocketAddr; 3]); 2] {
 
 #[test]
 fn consoles_say_who_leads_and_who_stands_by() {
-    let [(_first, [_, _, leads]), (second, [_, _, stands])] = two_managers();
+    let [(_first, [backplane, _, leads]), (second, [_, _, stands])] = two_managers();
+    // It takes a term when a frame has been shown.
+    let _board = daemon(&["channel", "--backplane", &backplane.to_string(), "--threads", "1"]);
     let lead = |console| -> Option<Value> {
         serde_json::from_slice::<Value>(&get(console, "/api/v1/live")?.1).ok().map(|live| live["lead"].clone())
     };
