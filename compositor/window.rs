@@ -23,6 +23,7 @@ pub struct Place {
 }
 
 /// A picture to show.
+#[cfg_attr(not(feature = "window"), expect(dead_code, reason = "no window shows it"))]
 #[derive(Debug)]
 struct Order {
     picture: Arc<Picture>,
