@@ -1,6 +1,6 @@
 //! Displays: compositors that show some of the views, beside the one that shows all or without it.
 
-use crate::program::{Rig, cyclorama, daemon, fly, kill, manager, stats, wait_for};
+use crate::program::{ANY_PORTS, Rig, cyclorama, daemon, fly, kill, manager, stats, wait_for};
 use proto::pose::PosePacket;
 use proto::view::Pose;
 use serde_json::Value;
@@ -22,26 +22,26 @@ const FRAMES: usize = 12;
 /// A rig of three views in lock-step whose parts are started one by one.
 fn rig(folder: &Path, compositors: &[(&str, Option<&str>)], boards: usize) -> Vec<(String, Vec<Value>)> {
     let frames = FRAMES.to_string();
-    let (_manager, [backplane, pose, console]) = manager(&[
-        "--listen",
-        "127.0.0.1:0",
-        "--pose-listen",
-        "127.0.0.1:0",
-        "--console",
-        "127.0.0.1:0",
-        "--scene",
-        "city",
-        "--views",
-        "3",
-        "--size",
-        "80x48",
-        "--wait-for-boards",
-        &boards.to_string(),
-        "--wait-for-compositor",
-        "--lock-step",
-        "--frames",
-        &frames,
-    ]);
+    let (_manager, [backplane, pose, console]) = manager(
+        &[
+            &ANY_PORTS[..],
+            &[
+                "--scene",
+                "city",
+                "--views",
+                "3",
+                "--size",
+                "80x48",
+                "--wait-for-boards",
+                &boards.to_string(),
+                "--wait-for-compositor",
+                "--lock-step",
+                "--frames",
+                &frames,
+            ],
+        ]
+        .concat(),
+    );
     let backplane = backplane.to_string();
     let mut showing = Vec::new();
     for (name, views) in compositors {
@@ -89,26 +89,26 @@ fn a_display_writes_its_part_of_the_picture() {
     let whole = folder.path().join("whole");
     fly(&whole, &["city", "--views", "2", "--size", "80x48", "--frames", "1", "--samples", "1"]);
     let own = folder.path().join("own");
-    let (_manager, [backplane, pose, _]) = manager(&[
-        "--listen",
-        "127.0.0.1:0",
-        "--pose-listen",
-        "127.0.0.1:0",
-        "--console",
-        "127.0.0.1:0",
-        "--scene",
-        "city",
-        "--views",
-        "2",
-        "--size",
-        "80x48",
-        "--samples",
-        "1",
-        "--wait-for-compositor",
-        "--lock-step",
-        "--frames",
-        "1",
-    ]);
+    let (_manager, [backplane, pose, _]) = manager(
+        &[
+            &ANY_PORTS[..],
+            &[
+                "--scene",
+                "city",
+                "--views",
+                "2",
+                "--size",
+                "80x48",
+                "--samples",
+                "1",
+                "--wait-for-compositor",
+                "--lock-step",
+                "--frames",
+                "1",
+            ],
+        ]
+        .concat(),
+    );
     let backplane = backplane.to_string();
     let displays = ["0", "1"].map(|view| {
         let mut display = cyclorama();
@@ -133,24 +133,10 @@ fn a_display_writes_its_part_of_the_picture() {
 #[test]
 fn a_display_that_is_killed_holds_up_neither_the_others_nor_the_boards() {
     let folder = tempfile::tempdir().unwrap();
-    let (_manager, [backplane, pose, console]) = manager(&[
-        "--listen",
-        "127.0.0.1:0",
-        "--pose-listen",
-        "127.0.0.1:0",
-        "--console",
-        "127.0.0.1:0",
-        "--scene",
-        "city",
-        "--views",
-        "2",
-        "--size",
-        "80x48",
-        "--samples",
-        "1",
-        "--rate",
-        "20",
-    ]);
+    let (_manager, [backplane, pose, console]) = manager(
+        &[&ANY_PORTS[..], &["--scene", "city", "--views", "2", "--size", "80x48", "--samples", "1", "--rate", "20"]]
+            .concat(),
+    );
     let backplane = backplane.to_string();
     let [left, right] = ["0", "1"].map(|view| {
         let path = folder.path().join(view);
@@ -192,24 +178,24 @@ fn a_display_of_a_view_that_there_is_not_and_a_second_compositor_are_told_why() 
 #[test]
 fn in_lock_step_every_pose_of_a_burst_has_a_frame_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
-    let (_manager, [backplane, pose, console]) = manager(&[
-        "--listen",
-        "127.0.0.1:0",
-        "--pose-listen",
-        "127.0.0.1:0",
-        "--console",
-        "127.0.0.1:0",
-        "--scene",
-        "city",
-        "--views",
-        "1",
-        "--size",
-        "80x48",
-        "--wait-for-compositor",
-        "--lock-step",
-        "--frames",
-        "9",
-    ]);
+    let (_manager, [backplane, pose, console]) = manager(
+        &[
+            &ANY_PORTS[..],
+            &[
+                "--scene",
+                "city",
+                "--views",
+                "1",
+                "--size",
+                "80x48",
+                "--wait-for-compositor",
+                "--lock-step",
+                "--frames",
+                "9",
+            ],
+        ]
+        .concat(),
+    );
     let backplane = backplane.to_string();
     let path = folder.path().join("whole");
     let mut compositor = cyclorama();

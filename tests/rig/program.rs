@@ -88,6 +88,10 @@ pub(crate) fn daemon(args: &[&str]) -> Daemon {
     Daemon(cyclorama().args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
 }
 
+/// Flags of a manager that listens where nobody else does.
+pub(crate) const ANY_PORTS: [&str; 6] =
+    ["--listen", "127.0.0.1:0", "--pose-listen", "127.0.0.1:0", "--console", "127.0.0.1:0"];
+
 /// Starts a manager; returns where it listens for boards, poses and browsers.
 pub(crate) fn manager(args: &[&str]) -> (Daemon, [SocketAddr; 3]) {
     let mut command = cyclorama();

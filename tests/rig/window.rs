@@ -1,6 +1,6 @@
 //! Displays with windows, on a desktop of their own: what is in the window is the picture.
 
-use crate::program::{Daemon, HANG, cyclorama, daemon, fly, manager, stats, wait_for};
+use crate::program::{ANY_PORTS, Daemon, HANG, cyclorama, daemon, fly, manager, stats, wait_for};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -56,26 +56,26 @@ fn boards_are_displays_and_their_windows_show_the_views() {
     let folder = tempfile::tempdir().unwrap();
     fly(folder.path(), &["city", "--views", "2", "--size", SIZE, "--samples", "1", "--frames", "1"]);
     let whole = picture(folder.path());
-    let (_manager, [backplane, pose, console]) = manager(&[
-        "--listen",
-        "127.0.0.1:0",
-        "--pose-listen",
-        "127.0.0.1:0",
-        "--console",
-        "127.0.0.1:0",
-        "--scene",
-        "city",
-        "--views",
-        "2",
-        "--size",
-        SIZE,
-        "--samples",
-        "1",
-        "--wait-for-compositor",
-        "--wait-for-boards",
-        "2",
-        "--lock-step",
-    ]);
+    let (_manager, [backplane, pose, console]) = manager(
+        &[
+            &ANY_PORTS[..],
+            &[
+                "--scene",
+                "city",
+                "--views",
+                "2",
+                "--size",
+                SIZE,
+                "--samples",
+                "1",
+                "--wait-for-compositor",
+                "--wait-for-boards",
+                "2",
+                "--lock-step",
+            ],
+        ]
+        .concat(),
+    );
     let backplane = backplane.to_string();
     let boards = [("0", "10,20"), ("1", "206,120")].map(|(view, at)| {
         let mut board = cyclorama();
