@@ -1,6 +1,6 @@
 //! Selecting for the next frame while boards draw: what is shown is the same, whenever it was selected.
 
-use crate::program::{cyclorama, daemon, fly, manager, stats, wait_for};
+use crate::program::{cyclorama, daemon, fly, manager, stats, wait_for, whole_lines};
 use bench::disturbed::Undisturbed;
 use std::fs::File;
 use std::io::{BufReader, Cursor};
@@ -55,9 +55,8 @@ fn frames_that_are_selected_ahead_show_what_their_poses_show() {
         daemon(&["host", "play", &camera, "--to", &pose.to_string(), "--repeat", "--rate", "30", "--size", SIZE]);
     let count = |name: &str| stats(console).and_then(|stats| stats[name].as_u64()).unwrap_or(0);
     wait_for("frames selected ahead", || (count("frames_ahead") > 40).then_some(()));
-    let text = std::fs::read_to_string(&shown).unwrap();
-    // The last line may be half written, and frames before the host's first pose are of the manager's own.
-    let lines: Vec<_> = text.split_inclusive('\n').filter(|line| line.ends_with('\n')).skip(10).collect();
+    // Frames before the host's first pose are of the manager's own.
+    let lines = &whole_lines(shown.as_ref())[10..];
     let compared = undisturbed.compare(Cursor::new(lines.concat())).unwrap();
     assert_eq!((compared.wrong, compared.unknown, compared.backwards), (0, 0, 0), "{compared:?}");
     assert!(compared.right > 30, "{compared:?}");

@@ -1,6 +1,6 @@
 //! Displays: compositors that show some of the views, beside the one that shows all or without it.
 
-use crate::program::{ANY_PORTS, Rig, cyclorama, daemon, fly, kill, manager, stats, wait_for};
+use crate::program::{ANY_PORTS, Rig, cyclorama, daemon, fly, kill, manager, stats, wait_for, whole_lines};
 use proto::pose::PosePacket;
 use proto::view::Pose;
 use serde_json::Value;
@@ -8,8 +8,7 @@ use std::path::Path;
 
 /// The lines of a manifest.
 fn lines(path: &Path) -> Vec<Value> {
-    let text = std::fs::read_to_string(path).unwrap_or_default();
-    text.lines().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect()
+    whole_lines(path).iter().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect()
 }
 
 /// Frames of a manifest of one view, as (frame, hashes of its tiles).

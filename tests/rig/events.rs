@@ -1,7 +1,7 @@
 //! chain.md's table of events, row by row, in real processes. What docs/chain.md names beside these are tests of written pictures (`pictures.rs`), of
 //! two backplanes, and of what peers may say (`place.rs`, `hostile.rs`, `impostor.rs`).
 
-use crate::program::{Daemon, HANG, daemon, free_address, stats, wait_for};
+use crate::program::{Daemon, HANG, daemon, free_address, stats, told_lines, wait_for, whole_lines};
 use bench::disturbed::Undisturbed;
 use bench::relay::Relay;
 use proto::chain::{FromBoardChain, ToBoardChain};
@@ -243,9 +243,9 @@ async fn a_board_that_hangs_and_beats_is_put_out_after_a_number_of_misses() {
     tokio::time::timeout(HANG, hung).await.expect("its link is cut").unwrap();
 }
 
-/// Whole lines of a manifest.
+/// How many frames a manifest has.
 fn lines(path: &Path) -> usize {
-    std::fs::read_to_string(path).unwrap_or_default().matches('\n').count()
+    whole_lines(path).len()
 }
 
 #[test]
@@ -274,13 +274,9 @@ fn a_compositor_that_crashes_hangs_or_is_restarted_loses_no_board_and_begins_wit
     let stats = rig.wait("statistics", |_| true);
     assert_eq!(count(&stats, "lost", "board") + count(&stats, "put out", ""), 0, "{stats}");
     // The scene is still, so every picture is that of the first line; of what was shown before a compositor came it isn't told what that depends on.
-    let told = |path: &Path| {
-        let text = std::fs::read_to_string(path).unwrap();
-        text.split_inclusive('\n').filter(|line| line.ends_with('\n') && line.contains("\"eye\"")).collect::<String>()
-    };
-    let [flown, after] = manifests.each_ref().map(|path| told(path));
-    let undisturbed = Undisturbed::read(flown.split_inclusive('\n').next().unwrap().as_bytes()).unwrap();
-    let compared = [flown, after].map(|text| undisturbed.compare(text.as_bytes()).unwrap());
+    let [flown, after] = manifests.each_ref().map(|path| told_lines(path));
+    let undisturbed = Undisturbed::read(flown[0].as_bytes()).unwrap();
+    let compared = [flown, after].map(|lines| undisturbed.compare(lines.concat().as_bytes()).unwrap());
     assert!(compared.iter().all(|of| of.right > 0 && of.wrong + of.unknown + of.backwards == 0), "{compared:?}");
 }
 

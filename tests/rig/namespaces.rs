@@ -6,7 +6,7 @@
 
 use crate::events::count;
 use crate::keys::{Authority, Daemon};
-use crate::program::{run, stats, wait_for};
+use crate::program::{run, stats, told_lines, wait_for};
 use bench::disturbed::Undisturbed;
 use manager::host::camera::CameraFile;
 use manager::scene::builtin;
@@ -177,9 +177,7 @@ impl Rig {
 
     /// What was shown since the manager began to say what it depends on.
     fn shown(&self) -> Vec<String> {
-        let text = std::fs::read_to_string(self.manifest()).unwrap_or_default();
-        let lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n') && line.contains("\"eye\""));
-        lines.map(str::to_owned).collect()
+        told_lines(&self.manifest())
     }
 
     fn wait(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {

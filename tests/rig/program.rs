@@ -142,6 +142,17 @@ pub(crate) fn stats(console: SocketAddr) -> Option<Value> {
     serde_json::from_slice(&get(console, "/api/v1/stats")?.1).ok()
 }
 
+/// The lines of a manifest that may still be being written: the last one only when it is whole.
+pub(crate) fn whole_lines(manifest: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(manifest).unwrap_or_default();
+    text.split_inclusive('\n').filter(|line| line.ends_with('\n')).map(str::to_owned).collect()
+}
+
+/// Those that tell what their picture depends on: all since a manager first said so.
+pub(crate) fn told_lines(manifest: &Path) -> Vec<String> {
+    whole_lines(manifest).into_iter().filter(|line| line.contains("\"eye\"")).collect()
+}
+
 /// A rig in real time, in a process group of its own, with its console.
 pub(crate) struct Rig {
     pub child: Child,

@@ -1,7 +1,7 @@
 //! What a slow link does, and one that is silent one way: rigs that show a still picture, one of whose boards reaches the backplane through a relay.
 
 use crate::events::{Rig, board, count};
-use crate::program::wait_for;
+use crate::program::{told_lines, wait_for};
 use bench::disturbed::Undisturbed;
 use bench::relay::{Relay, Slowness, Way};
 use serde_json::Value;
@@ -40,26 +40,25 @@ impl Relayed {
             memory.len() == 3 && memory.iter().all(|board| board["held_bytes"] == stats["scene_bytes"])
         });
         relayed.wait_for_pictures();
-        relayed.first = relayed.shown().lines().count();
+        relayed.first = relayed.shown().len();
         relayed.wait_for_pictures();
         relayed
     }
 
-    fn shown(&self) -> String {
-        let text = std::fs::read_to_string(self.folder.path().join("shown")).unwrap_or_default();
-        text.split_inclusive('\n').filter(|line| line.ends_with('\n') && line.contains("\"eye\"")).collect()
+    fn shown(&self) -> Vec<String> {
+        told_lines(&self.folder.path().join("shown"))
     }
 
     fn wait_for_pictures(&self) {
-        let before = self.shown().lines().count();
-        wait_for("pictures", || (self.shown().lines().count() > before + 1).then_some(()));
+        let before = self.shown().len();
+        wait_for("pictures", || (self.shown().len() > before + 1).then_some(()));
     }
 
     /// The scene is still: every picture is that of the first whole one.
     fn all_pictures_are_right(&self) {
-        let shown: String = self.shown().split_inclusive('\n').skip(self.first).collect();
-        let first = shown.split_inclusive('\n').find(|line| !line.contains("\"complete\":false")).unwrap();
-        let compared = Undisturbed::read(first.as_bytes()).unwrap().compare(shown.as_bytes()).unwrap();
+        let shown = &self.shown()[self.first..];
+        let first = shown.iter().find(|line| !line.contains("\"complete\":false")).unwrap();
+        let compared = Undisturbed::read(first.as_bytes()).unwrap().compare(shown.concat().as_bytes()).unwrap();
         assert!(compared.right > 3 && compared.wrong + compared.unknown + compared.backwards == 0, "{compared:?}");
     }
 

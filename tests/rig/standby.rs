@@ -4,7 +4,7 @@
 //! anything to who leads.
 
 use crate::keys::Authority;
-use crate::program::{Daemon, daemon, manager, stats, wait_for};
+use crate::program::{Daemon, daemon, manager, stats, wait_for, whole_lines};
 use bench::relay::Relay;
 use rustix::process::Signal;
 use serde_json::{Value, json};
@@ -143,15 +143,12 @@ impl Rig {
 
     /// The frames that were shown, and whether all their views were whole.
     fn shown(&self) -> Vec<(u64, bool)> {
-        let text = std::fs::read_to_string(self.folder.path().join("manifest.jsonl")).unwrap_or_default();
-        // The last line may be half written.
-        let lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
-        let read = |line: &str| {
+        let read = |line: &String| {
             let line: Value = serde_json::from_str(line).unwrap();
             let is_whole = line["views"].as_array().unwrap().iter().all(|view| view["complete"] == true);
             (line["frame"].as_u64().unwrap(), is_whole)
         };
-        lines.map(read).collect()
+        whole_lines(&self.folder.path().join("manifest.jsonl")).iter().map(read).collect()
     }
 
     /// Waits until so many pictures are shown as a whole, one after the other, after the first `from`.
