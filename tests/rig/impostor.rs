@@ -58,6 +58,13 @@ async fn knock<M: Serialize>(keys: &Trust, address: &str, role: NodeRole, says: 
     opened
 }
 
+/// A real board, with keys of the name `first`.
+fn first_board(authority: &Authority, backplane: &Backplane) -> Daemon {
+    let keys = authority.issue("board", "first");
+    let link = ["--backplane", &backplane.address, "--keys", keys.to_str().unwrap()];
+    Daemon::start(&[&["channel", "--threads", "1"][..], &link].concat())
+}
+
 /// Waits until the other side has closed.
 async fn closes(opened: &mut Link<Stream>) {
     let closing = async { while let Ok(Some(_)) = link::receive::<NeighbourMessage>(opened).await {} };
@@ -69,16 +76,7 @@ async fn a_neighbour_must_have_the_certificate_of_the_board_that_it_says_it_is()
     let authority = Authority::new();
     let [second, other] = ["second", "other"].map(|name| trust(&authority, NodeRole::Board, name));
     let mut backplane = Backplane::open(&authority).await;
-    let keys = authority.issue("board", "first");
-    let _board = Daemon::start(&[
-        "channel",
-        "--backplane",
-        &backplane.address,
-        "--keys",
-        keys.to_str().unwrap(),
-        "--threads",
-        "1",
-    ]);
+    let _board = first_board(&authority, &backplane);
     let (mut board, hello, _place) = backplane.greet().await;
     let Role::Board { link: address, .. } = hello.role else { panic!("it is a board") };
 
@@ -103,16 +101,7 @@ async fn a_neighbour_must_have_the_certificate_of_the_board_that_it_says_it_is()
 async fn a_board_takes_no_place_from_a_left_neighbour_that_is_another() {
     let authority = Authority::new();
     let mut backplane = Backplane::open(&authority).await;
-    let keys = authority.issue("board", "first");
-    let _board = Daemon::start(&[
-        "channel",
-        "--backplane",
-        &backplane.address,
-        "--keys",
-        keys.to_str().unwrap(),
-        "--threads",
-        "1",
-    ]);
+    let _board = first_board(&authority, &backplane);
     let (mut board, _, _place) = backplane.greet().await;
 
     let mut other = listen(trust(&authority, NodeRole::Board, "other")).await;
