@@ -269,15 +269,15 @@ pub(crate) struct LatencyArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  cyclorama bench console city --size 480x270 --rounds 10")]
+#[command(after_help = "Example:\n  cyclorama bench console city --size 480x270 --rounds 60")]
 pub(crate) struct ConsoleArgs {
     #[command(flatten)]
     pub fleet: FleetArgs,
     /// How long each turn is timed, s
-    #[arg(long, default_value = "6", value_name = "S", value_parser = positive)]
+    #[arg(long, default_value = "3", value_name = "S", value_parser = positive)]
     pub seconds: f64,
-    /// Turns with no viewer, one and twenty
-    #[arg(long, default_value = "9", value_name = "N")]
+    /// Turns with no viewer, one and twenty: single turns scatter by some percent, so that many tell more than long ones
+    #[arg(long, default_value = "40", value_name = "N")]
     pub rounds: NonZeroUsize,
     /// Print JSON
     #[arg(long)]

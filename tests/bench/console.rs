@@ -30,8 +30,23 @@ pub struct Row {
     pub frame_ms: Spread,
     /// To that without viewers, round by round.
     pub ratio: Spread,
+    /// Where the ratio's true median is, 19 times of 20 ([`bounds`]).
+    pub ratio_between: [f64; 2],
     /// Pictures a second that each viewer was sent, in the mean.
     pub pictures_hz: f64,
+}
+
+/// Bounds of the median of what these values were drawn from, right 19 times of 20: those of them that stand 0.98 √n places before and behind the middle (the
+/// binomial distribution's places, by its normal approximation). Of few values: the first and the last.
+///
+/// # Panics
+/// If there are none.
+pub fn bounds(values: &[f64]) -> [f64; 2] {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let (count, spread) = (sorted.len() as f64, 0.98 * (sorted.len() as f64).sqrt());
+    let before = (count / 2.0 - spread - 1.0).round().max(0.0) as usize;
+    [sorted[before], sorted[sorted.len() - 1 - before]]
 }
 
 /// Rounds of turns, each with one of every number of [`VIEWERS`] in any order, as rows.
@@ -51,6 +66,7 @@ pub fn rows(rounds: &[Vec<Turn>]) -> Vec<Row> {
             frames: turns.iter().map(|turn| turn.frames).sum(),
             frame_ms: Spread::of(&turns.iter().map(|turn| turn.frame_ms).collect::<Vec<_>>()),
             ratio: Spread::of(&ratios),
+            ratio_between: bounds(&ratios),
             pictures_hz: turns.iter().map(|turn| turn.pictures_hz).sum::<f64>() / turns.len() as f64,
         }
     };
@@ -61,10 +77,10 @@ pub fn rows(rounds: &[Vec<Turn>]) -> Vec<Row> {
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
         "{:<8} {:>8} {:>12} {:>22} {:>14}\n",
-        "viewers", "frames", "frame, ms", "ratio (min to max)", "pictures/s"
+        "viewers", "frames", "frame, ms", "ratio (19 of 20)", "pictures/s"
     );
     for row in rows {
-        let ratio = format!("{:.3} ({:.3} to {:.3})", row.ratio.median, row.ratio.min, row.ratio.max);
+        let ratio = format!("{:.3} ({:.3} to {:.3})", row.ratio.median, row.ratio_between[0], row.ratio_between[1]);
         text += &format!(
             "{:<8} {:>8} {:>12.3} {ratio:>22} {:>14.1}\n",
             row.viewers, row.frames, row.frame_ms.median, row.pictures_hz
@@ -104,5 +120,16 @@ mod tests {
         let met: Vec<_> = figures(&rows).iter().map(|figure| figure.met).collect();
         assert_eq!(met, [Some(true), Some(false)]);
         assert!(table(&rows).lines().count() == 4);
+    }
+
+    #[test]
+    fn bounds_of_a_median_get_nearer_with_the_number_of_values() {
+        // Values 1 to n, whatever their order.
+        let between = |n: u32| bounds(&(1..=n).rev().map(f64::from).collect::<Vec<_>>());
+        assert_eq!(between(1), [1.0, 1.0]);
+        assert_eq!(between(3), [1.0, 3.0]);
+        // Tables of the binomial distribution have places 10 and 21 of 30, and 40 and 61 of 100.
+        assert_eq!(between(30), [10.0, 21.0]);
+        assert_eq!(between(100), [40.0, 61.0]);
     }
 }
