@@ -12,4 +12,5 @@ pub mod sinks;
 pub mod stitch;
 mod terms;
 mod together;
+pub mod turns;
 pub mod window;

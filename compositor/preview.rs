@@ -4,6 +4,7 @@
 //! last frame of a rig that is held there always is one.
 
 use crate::sinks::Picture;
+use crate::turns;
 use proto::frame::PixelFormat;
 use proto::ids::FrameNumber;
 use std::io;
@@ -13,8 +14,6 @@ use tokio::sync::mpsc;
 /// A preview is made no wider than this, pixels.
 const WIDTH_MAX: u32 = 1920;
 const QUALITY: u8 = 85;
-/// How much the thread yields to others (nice): all that it can.
-const NICE: i32 = 19;
 
 /// What waits for the thread.
 #[derive(Debug, Default)]
@@ -42,10 +41,7 @@ impl Previews {
         let shared = Arc::new(Shared::default());
         let own = Arc::clone(&shared);
         std::thread::Builder::new().name("preview".into()).spawn(move || {
-            // On Linux this is the calling thread's own.
-            if let Err(error) = rustix::process::setpriority_process(None, NICE) {
-                tracing::debug!(%error, "previews are made like anything else");
-            }
+            turns::go_last();
             while let Some(picture) = next(&own) {
                 // Nobody takes it when the link is over.
                 if made.blocking_send((picture.frame, preview(&picture))).is_err() {

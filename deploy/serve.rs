@@ -158,6 +158,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         let (board_ends, board) = (ends.clone(), shutdown.clone());
         // Laying tiles must not hold up the board's words.
         let showing = tokio::task::spawn_blocking(move || {
+            compositor::turns::go_first();
             let told = |address| tracing::info!(%address, "listening for tiles of the display");
             let shown = runtime(1).map(|runtime| runtime.block_on(compositor::shell::run(display, ends, told)));
             board.cancel();
@@ -242,6 +243,7 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
         manifest: args.manifest.clone(),
         once: args.supervision.supervised,
     };
+    compositor::turns::go_first();
     runtime(1)?.block_on(async {
         let shutdown = shutdown_token(args.supervision)?;
         let listening = |address| tracing::info!(%address, "listening for boards");
