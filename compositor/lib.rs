@@ -6,6 +6,7 @@
 
 mod backplanes;
 pub mod manifest;
+mod pattern;
 mod preview;
 pub mod shell;
 pub mod sinks;

@@ -14,6 +14,7 @@
 
 use crate::backplanes::{self, BackplaneEvent};
 use crate::manifest::Manifest;
+use crate::pattern::{Pattern, PatternView};
 use crate::preview::Previews;
 use crate::sinks::{FileKind, Files, Picture, SinkError};
 use crate::stitch::{Shown, Stitcher};
@@ -63,6 +64,8 @@ pub struct Config {
     pub out: Option<(PathBuf, FileKind)>,
     /// The window to show the picture in.
     pub window: Option<Place>,
+    /// Show a pattern to set up projectors by, of 8-bit pixels, instead of the picture.
+    pub pattern: bool,
     /// File that is to say of each frame what it was, a line each.
     pub manifest: Option<PathBuf>,
     /// End when the rig ends, instead of waiting for the next one.
@@ -125,6 +128,8 @@ struct Shell {
     backplanes: Vec<Backplane>,
     terms: Terms,
     stitcher: Stitcher,
+    /// What is shown instead of the picture, since the views are known.
+    pattern: Option<Pattern>,
     /// The frame that was handed out last, of who is followed.
     shown: Option<FrameNumber>,
     links: Links,
@@ -177,6 +182,7 @@ pub async fn run(
         terms: Terms::new(config.backplanes.len()),
         stitcher: Stitcher::new(format, config.views.clone()),
         config,
+        pattern: None,
         shown: None,
         links: Links::new(),
         roster,
@@ -281,7 +287,8 @@ impl Shell {
 
     fn picture(&self, frame: FrameNumber) -> Picture {
         let ((width, height), format) = (self.stitcher.size(), self.stitcher.format());
-        Picture { frame, width, height, format, pixels: self.stitcher.canvas().to_vec() }
+        let pixels = self.pattern.as_ref().map_or_else(|| self.stitcher.canvas().to_vec(), |pattern| pattern.of(frame));
+        Picture { frame, width, height, format, pixels }
     }
 
     fn on_backplane(&mut self, event: BackplaneEvent) -> Result<(), End> {
@@ -371,6 +378,14 @@ impl Shell {
         let views = &self.backplanes[index].views;
         if !views.is_empty() && !self.stitcher.set_views(views) {
             tracing::error!("the views make a picture too large to stitch");
+        }
+        if self.config.pattern {
+            let view = |(id, at): (ViewId, [u32; 2])| {
+                let view = views.get(id.0 as usize)?.view;
+                Some(PatternView { id, view, at })
+            };
+            let shown = self.stitcher.places().filter_map(view).collect();
+            self.pattern = Some(Pattern::new(shown, self.stitcher.size()));
         }
     }
 

@@ -116,6 +116,12 @@ impl Stitcher {
         self.format
     }
 
+    /// The views that are shown, and where on the canvas the upper left pixel of each is.
+    pub fn places(&self) -> impl Iterator<Item = (ViewId, [u32; 2])> {
+        let placed = self.views.iter().enumerate();
+        placed.filter_map(|(view, placed)| placed.map(|Placed { x, y, .. }| (ViewId(view as u32), [x, y])))
+    }
+
     /// The views. A change of sizes or places clears the canvas. False, and nothing changes, when the picture would be too
     /// large.
     pub fn set_views(&mut self, views: &[ViewSetup]) -> bool {

@@ -188,6 +188,7 @@ fn display(args: &ChannelArgs, view: ViewId) -> Result<compositor::shell::Config
         views: vec![view],
         window: Some(args.display_at.unwrap_or_default()),
         out: None,
+        pattern: args.pattern,
         manifest: None,
         once: args.supervision.supervised,
     })
@@ -230,6 +231,9 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
             "a window shows 8-bit pixels; give --format exr to another compositor, with --views if there is one for all",
         ));
     }
+    if args.pattern && args.format.format() != PixelFormat::Srgb8 {
+        return Err(CommandError::said("the pattern has 8-bit pixels; write it as --format png or rgb"));
+    }
     let mut views: Vec<_> = args.views.iter().copied().map(ViewId).collect();
     views.sort_unstable();
     views.dedup();
@@ -240,6 +244,7 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
         trust,
         window: args.window,
         out: args.out.clone().map(|folder| (folder, args.format)),
+        pattern: args.pattern,
         manifest: args.manifest.clone(),
         once: args.supervision.supervised,
     };

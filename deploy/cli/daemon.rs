@@ -141,6 +141,9 @@ pub(crate) struct ChannelArgs {
     /// Where its window is on the desktop: the upper left corner, for a window without borders
     #[arg(long, env = "CYCLORAMA_DISPLAY_AT", value_name = "X,Y", value_parser = place, requires = "display", allow_hyphen_values = true)]
     pub display_at: Option<compositor::window::Place>,
+    /// Show a pattern to set up the projector by, in place of the picture: `compositor --help` says what is on it
+    #[arg(long, env = "CYCLORAMA_PATTERN", requires = "display")]
+    pub pattern: bool,
     /// Folder with a compositor's keys, for the display: those of a board don't show pictures
     #[arg(long, env = "CYCLORAMA_DISPLAY_KEYS", value_name = "DIR", requires = "display")]
     pub display_keys: Option<PathBuf>,
@@ -152,7 +155,7 @@ pub(crate) struct ChannelArgs {
 
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --views 0 --window=1920,0    # the display of the view on the left, on the second screen\n  cyclorama compositor --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys wall"
+    after_help = "Examples:\n  cyclorama compositor --backplane 127.0.0.1:7400 --out frames\n  cyclorama compositor --views 0 --window=1920,0    # the display of the view on the left, on the second screen\n  cyclorama compositor --views 0 --window=1920,0 --pattern    # the same, to set up its projector\n  cyclorama compositor --backplane desk:7400 --backplane spare:7400 --listen 0.0.0.0:0 --keys wall"
 )]
 pub(crate) struct CompositorArgs {
     #[command(flatten)]
@@ -166,6 +169,10 @@ pub(crate) struct CompositorArgs {
     /// Show the picture in a window; with =X,Y in one without borders, its upper left corner there on the desktop, as for a projector
     #[arg(long, env = "CYCLORAMA_WINDOW", value_name = "X,Y", num_args = 0..=1, require_equals = true, default_missing_value = "", value_parser = place, allow_hyphen_values = true)]
     pub window: Option<compositor::window::Place>,
+    /// Show a pattern to set up projectors by, in place of the picture: borders, lines every 5° that go on from view to view, the view's number, colours and greys, and a
+    /// block that runs along the top, at the same place on all displays that show the same frame
+    #[arg(long, env = "CYCLORAMA_PATTERN")]
+    pub pattern: bool,
     /// Write every stitched frame as frame-00000.png … into this folder
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -82,50 +82,53 @@ fn each_display_shows_its_views_as_the_whole_picture_has_them() {
     }
 }
 
+/// What displays of two views write of a rig's first frame, each with its further arguments.
+fn pictures(folder: &Path, more: [&[&str]; 2]) -> [image::RgbImage; 2] {
+    let rig = ["--scene", "city", "--views", "2", "--size", "80x48", "--samples", "1", "--frames", "1"];
+    let (_manager, [backplane, pose, _]) =
+        manager(&[&ANY_PORTS[..], &rig, &["--wait-for-compositor", "--lock-step"]].concat());
+    let backplane = backplane.to_string();
+    let displays = [0, 1].map(|view| {
+        let mut display = cyclorama();
+        display.args(["compositor", "--supervised", "--backplane", &backplane, "--views", &view.to_string()]);
+        display.args(more[view]).arg("--out").arg(folder.join(view.to_string()));
+        display.stdin(std::process::Stdio::piped()).spawn().unwrap()
+    });
+    let _board = daemon(&["channel", "--backplane", &backplane, "--threads", "1"]);
+    let _host = daemon(&["host", "play", "city", "--to", &pose.to_string(), "--lock-step", "--size", "80x48"]);
+    for mut display in displays {
+        let status = wait_for("the end", || display.try_wait().unwrap());
+        assert!(status.success(), "{status}");
+    }
+    [0, 1].map(|view| first_picture(&folder.join(view.to_string())))
+}
+
+fn first_picture(folder: &Path) -> image::RgbImage {
+    image::open(folder.join("frame-00000.png")).unwrap().into_rgb8()
+}
+
 #[test]
 fn a_display_writes_its_part_of_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let whole = folder.path().join("whole");
     fly(&whole, &["city", "--views", "2", "--size", "80x48", "--frames", "1", "--samples", "1"]);
-    let own = folder.path().join("own");
-    let (_manager, [backplane, pose, _]) = manager(
-        &[
-            &ANY_PORTS[..],
-            &[
-                "--scene",
-                "city",
-                "--views",
-                "2",
-                "--size",
-                "80x48",
-                "--samples",
-                "1",
-                "--wait-for-compositor",
-                "--lock-step",
-                "--frames",
-                "1",
-            ],
-        ]
-        .concat(),
-    );
-    let backplane = backplane.to_string();
-    let displays = ["0", "1"].map(|view| {
-        let mut display = cyclorama();
-        display.args(["compositor", "--supervised", "--backplane", &backplane, "--views", view, "--out"]);
-        display.arg(own.join(view)).stdin(std::process::Stdio::piped()).spawn().unwrap()
-    });
-    let _board = daemon(&["channel", "--backplane", &backplane, "--threads", "1"]);
-    let _host = daemon(&["host", "play", "city", "--to", &pose.to_string(), "--lock-step", "--size", "80x48"]);
-    for mut display in displays {
-        assert!(wait_for("the end", || display.try_wait().unwrap()).success());
-    }
-    let open = |path: &Path| image::open(path.join("frame-00000.png")).unwrap().into_rgb8();
-    let (whole, own) = (open(&whole), ["0", "1"].map(|view| open(&own.join(view))));
+    let whole = first_picture(&whole);
+    let part = |view: usize| image::imageops::crop_imm(&whole, 80 * view as u32, 0, 80, 48).to_image();
+    let own = pictures(&folder.path().join("own"), [&[], &[]]);
     for (view, picture) in own.iter().enumerate() {
         assert_eq!(picture.dimensions(), (80, 48));
-        let part = image::imageops::crop_imm(&whole, 80 * view as u32, 0, 80, 48).to_image();
-        assert!(part == *picture, "view {view}");
+        assert!(part(view) == *picture, "view {view}");
     }
+    let [picture, pattern] = pictures(&folder.path().join("pattern"), [&[], &["--pattern"]]);
+    assert!(part(0) == picture, "the other display's pattern is its own");
+    let (is_white, (width, height)) = (|x, y| pattern.get_pixel(x, y).0 == [255; 3], pattern.dimensions());
+    assert_eq!((width, height), (80, 48));
+    assert!((0..width).all(|x| is_white(x, 0) && is_white(x, height - 1)), "its border");
+    assert!((0..height).all(|y| is_white(0, y) && is_white(width - 1, y)), "its border");
+    assert!((1..width - 1).any(|x| !is_white(x, height / 2)), "and not white alone");
+    let output = cyclorama().args(["compositor", "--pattern", "--format", "exr"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && said.contains("8-bit"), "{said}");
 }
 
 /// chain.md, "compositor crash, hang, restart": the others go on.

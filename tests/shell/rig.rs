@@ -206,6 +206,7 @@ impl Rig {
                 trust: trust.clone(),
                 listen: any(7500),
                 out: None,
+                pattern: false,
                 manifest: Some(folder.join(life.to_string())),
                 once: false,
             };
