@@ -322,6 +322,7 @@ impl Renderer {
         let cpus = allowed_cpus();
         let pins = (cpus.len() == count).then_some(cpus);
         let pin = move |thread: usize| {
+            pool::turns::go_along();
             if let Some(cpu) = pins.as_ref().and_then(|cpus| cpus.get(thread)) {
                 let mut set = rustix::thread::CpuSet::new();
                 set.set(*cpu);

@@ -13,5 +13,4 @@ pub mod sinks;
 pub mod stitch;
 mod terms;
 mod together;
-pub mod turns;
 pub mod window;

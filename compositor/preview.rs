@@ -4,7 +4,7 @@
 //! last frame of a rig that is held there always is one.
 
 use crate::sinks::Picture;
-use crate::turns;
+use pool::turns;
 use proto::frame::PixelFormat;
 use proto::ids::FrameNumber;
 use std::io;

@@ -132,7 +132,7 @@ impl Files {
         let (queue, mut pictures) = mpsc::channel::<Arc<Picture>>(FILES_QUEUE);
         let path = folder.clone();
         let write_all = move || {
-            crate::turns::go_along();
+            pool::turns::go_along();
             let mut written = 0;
             while let Some(picture) = pictures.blocking_recv() {
                 let file = folder.join(format!("frame-{:05}.{}", picture.frame.0, kind.extension()));

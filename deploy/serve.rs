@@ -8,6 +8,7 @@ use crate::output::{note, say};
 use crate::settings;
 use link::NodeRole;
 use manager::backplane::{Addresses, Report};
+use pool::turns;
 use proto::frame::PixelFormat;
 use proto::ids::ViewId;
 use serde::{Deserialize, Serialize};
@@ -84,6 +85,7 @@ pub(crate) fn manager(args: &ManagerArgs) -> Result<(), CommandError> {
     let config = settings::manager(args)?;
     let supervised = args.supervision.supervised;
     let progress = Arc::clone(&config.progress);
+    turns::go_first();
     runtime(2)?.block_on(async {
         let shutdown = shutdown_token(args.supervision)?;
         if supervised {
@@ -147,6 +149,7 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         once: args.supervision.supervised,
     };
     let display = args.display.map(|view| display(args, ViewId(view))).transpose()?;
+    turns::go_first();
     runtime(1)?.block_on(async {
         let shutdown = shutdown_token(args.supervision)?;
         let listening = |address| tracing::info!(%address, threads, "listening for a neighbour");
@@ -158,7 +161,6 @@ pub(crate) fn channel(args: &ChannelArgs) -> Result<(), CommandError> {
         let (board_ends, board) = (ends.clone(), shutdown.clone());
         // Laying tiles must not hold up the board's words.
         let showing = tokio::task::spawn_blocking(move || {
-            compositor::turns::go_first();
             let told = |address| tracing::info!(%address, "listening for tiles of the display");
             let shown = runtime(1).map(|runtime| runtime.block_on(compositor::shell::run(display, ends, told)));
             board.cancel();
@@ -248,7 +250,7 @@ pub(crate) fn compositor(args: &CompositorArgs) -> Result<(), CommandError> {
         manifest: args.manifest.clone(),
         once: args.supervision.supervised,
     };
-    compositor::turns::go_first();
+    turns::go_first();
     runtime(1)?.block_on(async {
         let shutdown = shutdown_token(args.supervision)?;
         let listening = |address| tracing::info!(%address, "listening for boards");

@@ -27,8 +27,6 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 const BATCH: usize = 2000;
 /// A frame that hasn't been shown when so many have been opened after it never will be.
 const OVERTAKEN: usize = 16;
-/// How much the thread yields to others (nice).
-const NICE: i32 = 10;
 
 /// Starts sending to a collector at `url`; ends with the rig.
 ///
@@ -38,7 +36,7 @@ pub(crate) fn start(url: &str, desk: Desk) -> io::Result<()> {
     let endpoint = endpoint(url)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     std::thread::Builder::new().name("otlp".into()).spawn(move || {
-        crate::console::give_way(NICE);
+        pool::turns::go_behind();
         if let Err(error) = runtime.block_on(send(&endpoint, &desk)) {
             tracing::error!(error, "traces are not sent");
         }

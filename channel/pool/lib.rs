@@ -9,6 +9,8 @@
 //! and end.
 #![expect(unsafe_code, reason = "the lifetime of what is lent, and items that are each given to one thread")]
 
+pub mod turns;
+
 use std::any::Any;
 use std::io;
 use std::num::NonZeroUsize;

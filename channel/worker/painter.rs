@@ -14,6 +14,7 @@ use super::timeline::Watch;
 use crate::pipeline::{DrawStats, Renderer, TilePictures};
 use crate::store::{Prepared, SceneStore};
 use bytes::Bytes;
+use pool::turns;
 use proto::codec::decode_table;
 use proto::debug::DebugPicture;
 use proto::frame::{Environment, FrameState, PixelFormat};
@@ -96,9 +97,15 @@ impl Painter {
             pictures: BTreeMap::new(),
             spare: TilePictures::new(),
         };
-        std::thread::Builder::new().name("painter".into()).spawn(move || hand.run(&inbox))?;
+        std::thread::Builder::new().name("painter".into()).spawn(move || {
+            turns::go_along();
+            hand.run(&inbox);
+        })?;
         let painter = work.clone();
-        std::thread::Builder::new().name("loader".into()).spawn(move || loader::run(&raw, &painter, &outbox))?;
+        std::thread::Builder::new().name("loader".into()).spawn(move || {
+            turns::go_along();
+            loader::run(&raw, &painter, &outbox);
+        })?;
         Ok(Self { work, pieces, answers, session: 0 })
     }
 

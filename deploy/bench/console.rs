@@ -21,8 +21,6 @@ use tungstenite::Message;
 const SETTLE: Duration = Duration::from_millis(1500);
 /// How often frames are read: the rig keeps those of some seconds.
 const READ_PERIOD: Duration = Duration::from_secs(3);
-/// How much viewers yield to the rig (nice).
-const NICE: i32 = 19;
 /// A viewer looks this often whether the turn is over.
 const LOOK_PERIOD: Duration = Duration::from_millis(500);
 
@@ -111,8 +109,7 @@ impl Crowd {
 
 /// One viewer, until it is over.
 fn look(console: SocketAddr, is_over: &AtomicBool, shown: &AtomicU64) -> Result<(), String> {
-    // If that fails, it only isn't as polite as it could be.
-    let _ = rustix::process::setpriority_process(None, NICE);
+    pool::turns::go_last();
     let lost = |error: tungstenite::Error| format!("a viewer has lost the console: {error}");
     let stream = TcpStream::connect(console).map_err(|error| error.to_string())?;
     let handshake = tungstenite::client(format!("ws://{console}/api/v1/watch"), stream);

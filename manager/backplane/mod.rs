@@ -197,7 +197,11 @@ pub async fn run(
     std::thread::Builder::new()
         .name("engine".into())
         // The receiver only goes away when the whole manager is being dropped.
-        .spawn(move || drop(ended.send(engine.run(&inbox))))
+        .spawn(move || {
+            // It selects, which takes as long as drawing may.
+            pool::turns::go_along();
+            drop(ended.send(engine.run(&inbox)));
+        })
         .map_err(ManagerError::Thread)?;
 
     let mut tasks = tokio::task::JoinSet::new();

@@ -48,9 +48,6 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-/// How much the console's thread yields to others (nice): beside threads that are busy it gets a tenth of what one of them does.
-const NICE: i32 = 10;
-
 /// How long who asks for a picture waits for a newer one than there is, for the first, and how often it is looked for.
 const PATIENCE_WITH_OLD: Duration = Duration::from_millis(500);
 const PATIENCE_WITHOUT: Duration = Duration::from_secs(2);
@@ -99,23 +96,13 @@ impl Console {
         let end = CancellationToken::new();
         let ended = end.clone();
         std::thread::Builder::new().name("console".into()).spawn(move || {
-            give_way(NICE);
+            pool::turns::go_behind();
             let room = Room { desk, access, observer: Observer::default(), pictures: Pictures::default() };
             if let Err(error) = runtime.block_on(serve(listener, Arc::new(room), ended)) {
                 tracing::error!(%error, "the console has ended");
             }
         })?;
         Ok(Self { _end: end.drop_guard() })
-    }
-}
-
-/// Lets the calling thread yield to others, as `nice` does; one that yields more already is left alone.
-pub(crate) fn give_way(nice: i32) {
-    use rustix::process::{getpriority_process, setpriority_process};
-    // On Linux each thread has its own, and no process number means the calling one.
-    let given = getpriority_process(None).and_then(|now| setpriority_process(None, now.max(nice)));
-    if let Err(error) = given {
-        tracing::debug!(%error, "a thread that should yield runs like any other");
     }
 }
 

@@ -155,7 +155,11 @@ impl Selector {
     /// When the system refuses a thread.
     pub fn with_processors(count: NonZeroUsize, dispatch: Dispatch) -> io::Result<Self> {
         let count = count.min(PROCESSORS_MAX);
-        let pool = if count.get() > 1 { Some(Pool::new(count, "object-processor", |_| {})?) } else { None };
+        let pool = if count.get() > 1 {
+            Some(Pool::new(count, "object-processor", |_| pool::turns::go_along())?)
+        } else {
+            None
+        };
         Ok(Self { pool, dispatch, processors: vec![Processor::default(); count.get()], ..Self::new() })
     }
 

@@ -1,0 +1,80 @@
+//! Whose turn it is when there are fewer processors than threads that could run.
+//!
+//! Who only passes on words, or changes a picture at a moment, needs little and keeps everybody waiting: it goes first. Who draws goes along, and who makes what no
+//! frame waits for goes behind, or last. On Linux each thread has its own niceness, which those that it starts begin with, and no process number means the calling thread.
+
+use rustix::io;
+use rustix::process::{getpriority_process, setpriority_process};
+use std::sync::OnceLock;
+
+/// Before what is as important as most things.
+const FIRST: i32 = -10;
+/// Beside threads that are busy it gets a tenth of what one of them does.
+const BEHIND: i32 = 10;
+/// All that a thread can yield.
+const LAST: i32 = 19;
+
+/// What the program was started with.
+static GIVEN: OnceLock<i32> = OnceLock::new();
+
+/// Lets the calling thread go before others. That is a privilege (`CAP_SYS_NICE`, or a service's `LimitNICE=`); without it, on a machine with work for all its
+/// processors, displays change a millisecond apart now and then, and a board that is starved of its turn may be taken for dead.
+pub fn go_first() {
+    let given =
+        getpriority_process(None).and_then(|now| setpriority_process(None, FIRST.min(*GIVEN.get_or_init(|| now))));
+    say(given, "it gets its turn like any other thread");
+}
+
+/// As the program was started, though the thread that started the calling one goes first.
+pub fn go_along() {
+    // If nobody goes first, this one doesn't either.
+    if let Some(given) = GIVEN.get() {
+        say(setpriority_process(None, *given), "it goes before others, though it needn't");
+    }
+}
+
+/// Yields to others, but doesn't starve; one that yields more already is left alone.
+pub fn go_behind() {
+    let given = getpriority_process(None).and_then(|now| setpriority_process(None, now.max(BEHIND)));
+    say(given, "what should yield runs like any other thread");
+}
+
+/// Takes what others leave.
+pub fn go_last() {
+    say(setpriority_process(None, LAST), "what could wait is done like anything else");
+}
+
+fn say(given: io::Result<()>, otherwise: &str) {
+    if let Err(error) = given {
+        tracing::debug!(%error, "{otherwise}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn niceness() -> i32 {
+        getpriority_process(None).unwrap()
+    }
+
+    #[test]
+    fn who_is_started_by_one_that_goes_first_can_go_along_or_last() {
+        let before = niceness();
+        let after = |go: fn()| {
+            let thread = std::thread::spawn(move || {
+                go();
+                niceness()
+            });
+            thread.join().unwrap()
+        };
+        let first = std::thread::spawn(move || {
+            go_first();
+            // Without the privilege it stays as it is.
+            assert!([before, FIRST.min(before)].contains(&niceness()));
+            assert_eq!([go_along, go_behind, go_last].map(after), [before, BEHIND.max(before), LAST]);
+        });
+        first.join().unwrap();
+        assert_eq!(niceness(), before, "of other threads nothing changes");
+    }
+}
