@@ -269,10 +269,7 @@ impl Shell {
                 Err(Some(why)) => return Err(End::Failed(CompositorError::Window(why))),
                 Err(None) => return Err(End::Goodbye),
             },
-            _ => {
-                together::until(shown.moment).await;
-                wall_clock_ns()
-            }
+            _ => together::change(shown.moment, wall_clock_ns).await,
         };
         if let Some(manifest) = &mut self.manifest {
             manifest.write(shown, &self.stitcher).map_err(|error| End::Failed(error.into()))?;

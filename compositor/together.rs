@@ -3,6 +3,7 @@
 //! The moment is a few milliseconds after the swap was said, so that the last tiles and the word itself have come to all displays by then, and nothing
 //! but a wake-up decides how far apart they are. A display whose clock is behind changes later than the others, but never waits longer than that lead.
 
+use pool::turns;
 use proto::message::Moment;
 use std::time::{Duration, SystemTime};
 
@@ -21,17 +22,23 @@ fn wait(moment: Option<Moment>, now_ns: u64) -> Duration {
     Duration::from_nanos(wait.unwrap_or(0))
 }
 
-/// Sleeps until that moment; on a thread that has nothing else to do.
-pub(crate) fn sleep_until(moment: Option<Moment>) {
-    std::thread::sleep(wait(moment, wall_clock_ns()));
+/// Changes the picture at that moment, or at once if none is named; on a thread that has nothing else to do.
+pub(crate) fn at<T>(moment: Option<Moment>, change: impl FnOnce() -> T) -> T {
+    if moment.is_none() {
+        return change();
+    }
+    turns::at_once(|| {
+        std::thread::sleep(wait(moment, wall_clock_ns()));
+        change()
+    })
 }
 
-/// Likewise, and lets other tasks run most of that time.
-pub(crate) async fn until(moment: Option<Moment>) {
+/// Likewise, and lets other tasks run most of the time until then.
+pub(crate) async fn change<T>(moment: Option<Moment>, change: impl FnOnce() -> T) -> T {
     if let Some(coarse) = wait(moment, wall_clock_ns()).checked_sub(COARSE) {
         tokio::time::sleep(coarse).await;
     }
-    sleep_until(moment);
+    at(moment, change)
 }
 
 #[cfg(test)]
@@ -52,8 +59,8 @@ mod tests {
     async fn nobody_is_early() {
         for ms in [0, 1, 3, 5] {
             let at_ns = wall_clock_ns() + ms * 1_000_000;
-            until(Some(Moment { at_ns, lead_ns: 10_000_000 })).await;
-            assert!(wall_clock_ns() >= at_ns, "{ms} ms");
+            let changed = change(Some(Moment { at_ns, lead_ns: 10_000_000 }), wall_clock_ns).await;
+            assert!(changed >= at_ns, "{ms} ms");
         }
     }
 }

@@ -125,11 +125,11 @@ impl Rig {
         }
         manager.args(["--detail", args.detail.name()]);
         manager.args(["--console", &console(args.console)]);
-        if let Some(token) = &args.console_token {
+        if let Some(token) = &args.observed.console_token {
             // Not by its command line, which everybody can read.
             manager.env("CYCLORAMA_CONSOLE_TOKEN", token);
         }
-        if let Some(url) = &args.otlp {
+        if let Some(url) = &args.observed.otlp {
             manager.args(["--otlp", url]);
         }
         manager.args(air_flags(args));

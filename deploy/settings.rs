@@ -308,13 +308,13 @@ fn scale_max(args: &ManagerArgs, file: &RigFile) -> Result<u32, CommandError> {
 
 /// What somebody must know to change anything at the console.
 fn console_token(args: &ManagerArgs, file: &RigFile) -> Result<Option<Token>, CommandError> {
-    let written = args.console_token.as_ref().or(file.console_token.as_ref());
+    let written = args.observed.console_token.as_ref().or(file.console_token.as_ref());
     written.map(|text| Token::new(text)).transpose().map_err(|error| CommandError::said(error.to_string()))
 }
 
 /// Where frames are sent as traces.
 fn otlp(args: &ManagerArgs, file: &RigFile) -> Result<Option<String>, CommandError> {
-    let url = args.otlp.clone().or(file.otlp.clone());
+    let url = args.observed.otlp.clone().or(file.otlp.clone());
     if url.is_some() && !cfg!(feature = "otlp") {
         return Err(CommandError::said(
             "this build sends no traces; build it with the feature `otlp`, or leave --otlp away",

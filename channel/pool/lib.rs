@@ -7,7 +7,10 @@
 //! Each thread begins with a stretch of its own, so that neighbouring items, which tend to read the same, are one thread's; who is
 //! through with it takes what is left of the others'. Taking an item is one atomic addition; the only lock is at a call's beginning
 //! and end.
-#![expect(unsafe_code, reason = "the lifetime of what is lent, and items that are each given to one thread")]
+#![expect(
+    unsafe_code,
+    reason = "the lifetime of what is lent, items that are each given to one thread, and the system's scheduler"
+)]
 
 pub mod turns;
 

@@ -1,7 +1,8 @@
 //! Whose turn it is when there are fewer processors than threads that could run.
 //!
 //! Who only passes on words, or changes a picture at a moment, needs little and keeps everybody waiting: it goes first. Who draws goes along, and who makes what no
-//! frame waits for goes behind, or last. On Linux each thread has its own niceness, which those that it starts begin with, and no process number means the calling thread.
+//! frame waits for goes behind, or last. Even who goes first waits for the slice of who runs, a millisecond or more; who can't, as all others change their pictures at that moment,
+//! is woken at once. On Linux each thread has its own niceness, which those that it starts begin with, and no process number means the calling thread.
 
 use rustix::io;
 use rustix::process::{getpriority_process, setpriority_process};
@@ -44,6 +45,24 @@ pub fn go_last() {
     say(setpriority_process(None, LAST), "what could wait is done like anything else");
 }
 
+/// Does something before which the calling thread sleeps, woken before all that goes in turns (`SCHED_FIFO`, for so long as this takes): short work whose moment matters. That is a
+/// privilege too (`CAP_SYS_NICE`, or a service's `LimitRTPRIO=`).
+pub fn at_once<T>(work: impl FnOnce() -> T) -> T {
+    let is_given = schedule(libc::SCHED_FIFO, 1);
+    let done = work();
+    if is_given {
+        schedule(libc::SCHED_OTHER, 0);
+    }
+    done
+}
+
+/// Whether the calling thread is scheduled so from now on; its niceness remains.
+fn schedule(policy: i32, priority: i32) -> bool {
+    let param = libc::sched_param { sched_priority: priority };
+    // SAFETY: it reads the parameter, which lives until it returns, and 0 is the calling thread.
+    unsafe { libc::sched_setscheduler(0, policy, &raw const param) == 0 }
+}
+
 fn say(given: io::Result<()>, otherwise: &str) {
     if let Err(error) = given {
         tracing::debug!(%error, "{otherwise}");
@@ -53,6 +72,19 @@ fn say(given: io::Result<()>, otherwise: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_thread_is_as_before_after_what_it_did_at_once() {
+        let policy = || {
+            // SAFETY: it takes nothing but a number, and 0 is the calling thread.
+            unsafe { libc::sched_getscheduler(0) }
+        };
+        let before = (policy(), niceness());
+        let during = at_once(policy);
+        // Without the privilege nothing changes.
+        assert!([libc::SCHED_FIFO, before.0].contains(&during), "{during}");
+        assert_eq!((policy(), niceness()), before);
+    }
 
     fn niceness() -> i32 {
         getpriority_process(None).unwrap()

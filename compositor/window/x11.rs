@@ -1,7 +1,7 @@
 //! The window itself, by X11.
 
 use super::{Order, Place};
-use crate::together::{sleep_until, wall_clock_ns};
+use crate::together::{at, wall_clock_ns};
 use minifb::{ScaleMode, WindowOptions};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
@@ -33,8 +33,7 @@ pub(super) fn run(title: &str, place: Place, inbox: &Receiver<Order>) {
                 pixels.clear();
                 pixels
                     .extend(picture.pixels.chunks_exact(3).map(|rgb| u32::from_be_bytes([0, rgb[0], rgb[1], rgb[2]])));
-                sleep_until(moment);
-                let shown = window.update_with_buffer(&pixels, size.0 as usize, size.1 as usize);
+                let shown = at(moment, || window.update_with_buffer(&pixels, size.0 as usize, size.1 as usize));
                 let _ = answer.send(shown.map(|()| wall_clock_ns()).map_err(|error| error.to_string()));
             }
             Err(RecvTimeoutError::Timeout) => {

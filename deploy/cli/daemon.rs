@@ -71,13 +71,8 @@ pub(crate) struct ManagerArgs {
     /// Where the console is served (HTTP); `off` for none
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
-    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
-    /// can read a command line. Without it, a console beyond this machine is read-only
-    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
-    pub console_token: Option<String>,
-    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`)
-    #[arg(long, env = "CYCLORAMA_OTLP", value_name = "URL")]
-    pub otlp: Option<String>,
+    #[command(flatten)]
+    pub observed: ObservedArgs,
     #[command(flatten)]
     pub trust: TrustArgs,
     /// Print the statistics as one JSON object at the end
@@ -85,6 +80,18 @@ pub(crate) struct ManagerArgs {
     pub json: bool,
     #[command(flatten)]
     pub supervision: Supervision,
+}
+
+/// What a manager is told about who looks at it, whether it is started by hand or by `rig`.
+#[derive(Debug, Args)]
+pub(crate) struct ObservedArgs {
+    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
+    /// can read a command line. Without it, a console beyond this machine is read-only
+    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub console_token: Option<String>,
+    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`)
+    #[arg(long, env = "CYCLORAMA_OTLP", value_name = "URL")]
+    pub otlp: Option<String>,
 }
 
 /// How `rig` starts its daemons.

@@ -1,5 +1,6 @@
 //! Flags of `cyclorama rig`, and of `check`, which looks at the file of one.
 
+use super::daemon::ObservedArgs;
 use super::value::{Console, boards, console, file_kind, mebibytes, rate};
 use super::{AirArgs, DetailArg, ModeArg, RowArgs};
 use clap::{Args, Parser};
@@ -54,13 +55,8 @@ pub(crate) struct RigArgs {
     /// Where the console is served; `off` for none. The default takes a free port when 7480 is in use
     #[arg(long, env = "CYCLORAMA_CONSOLE", value_name = "ADDR", value_parser = console)]
     pub console: Option<Console>,
-    /// What somebody must know to change anything at the console, at least 12 characters; better by the environment, for all of this machine
-    /// can read a command line
-    #[arg(long, env = "CYCLORAMA_CONSOLE_TOKEN", hide_env_values = true, value_name = "TOKEN")]
-    pub console_token: Option<String>,
-    /// Send every frame as a trace to this collector (OTLP over HTTP, as `http://collector:4318`)
-    #[arg(long, env = "CYCLORAMA_OTLP", value_name = "URL")]
-    pub otlp: Option<String>,
+    #[command(flatten)]
+    pub observed: ObservedArgs,
     /// Print the statistics as one JSON object at the end
     #[arg(long)]
     pub json: bool,

@@ -95,6 +95,8 @@ impl Relay {
         let shared = Arc::new(Shared::default());
         let relay = shared.clone();
         std::thread::spawn(move || {
+            // All links go through these threads: none of them may be late for want of a processor.
+            pool::turns::go_first();
             for from in listener.incoming().map_while(Result::ok) {
                 if relay.lock().is_broken {
                     continue;

@@ -69,10 +69,10 @@ fn many(options: &Options) -> ExitCode {
             if !outcome.violations.is_empty() && wrong.fetch_add(1, Ordering::Relaxed) < 10 {
                 println!("seed {seed}: {}", outcome.violations[0]);
             }
-            all.push(outcome.counts);
+            all.push((seed, outcome.counts));
         }
     };
-    let counts: Vec<Counts> = std::thread::scope(|scope| {
+    let counts: Vec<(u64, Counts)> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..options.threads.max(1)).map(|_| scope.spawn(work)).collect();
         threads.into_iter().flat_map(|thread| thread.join().unwrap_or_default()).collect()
     });
@@ -88,9 +88,9 @@ fn many(options: &Options) -> ExitCode {
     }
 }
 
-fn report(options: &Options, counts: &[Counts], seconds: f64) {
+fn report(options: &Options, counts: &[(u64, Counts)], seconds: f64) {
     let simulated = END as f64 / 1e9 * counts.len() as f64;
-    let sum = |of: fn(&Counts) -> u64| counts.iter().map(of).sum::<u64>();
+    let sum = |of: fn(&Counts) -> u64| counts.iter().map(|(_, counts)| of(counts)).sum::<u64>();
     println!(
         "{} seeds from {} in {seconds:.1} s: {:.0} seeds/s, {:.0} times real time",
         counts.len(),
@@ -107,15 +107,17 @@ fn report(options: &Options, counts: &[Counts], seconds: f64) {
         sum(|c| c.takeovers),
         sum(|c| c.early)
     );
-    spread("noticed", counts.iter().filter_map(|c| c.noticed));
-    spread("repaired", counts.iter().filter_map(|c| c.repaired));
+    spread("noticed", counts.iter().filter_map(|(seed, c)| Some((c.noticed?, *seed))));
+    spread("repaired", counts.iter().filter_map(|(seed, c)| Some((c.repaired?, *seed))));
 }
 
-fn spread(what: &str, times: impl Iterator<Item = u64>) {
-    let mut times: Vec<_> = times.map(|ns| ns as f64 / 1e6).collect();
-    times.sort_by(f64::total_cmp);
+/// Times with their seeds, so that the longest can be replayed.
+fn spread(what: &str, times: impl Iterator<Item = (u64, u64)>) {
+    let mut times: Vec<_> = times.collect();
+    times.sort_unstable();
+    let at = |place: usize| times[place].0 as f64 / 1e6;
     if let Some(last) = times.len().checked_sub(1) {
-        let (p50, p99) = (times[last / 2], times[last * 99 / 100]);
-        println!("{what} after the first fault: p50 {p50:.1} ms, p99 {p99:.1} ms, max {:.1} ms", times[last]);
+        let (p50, p99, max, seed) = (at(last / 2), at(last * 99 / 100), at(last), times[last].1);
+        println!("{what} after the first fault: p50 {p50:.1} ms, p99 {p99:.1} ms, max {max:.1} ms (seed {seed})");
     }
 }
