@@ -56,11 +56,22 @@ struct Open {
     opened: Time,
 }
 
+/// Late frames in a row that counted against the rate, and may have been late for want of boards that are dead: which isn't known before these have been silent for long
+/// enough, by when their frames have halved the rate of a rig of two boards, and the frame that is whole again waits for its tick.
+#[derive(Clone, Debug)]
+struct Suspicion {
+    /// What the rate was before the first of them.
+    before: RateControl,
+    /// The boards that all of these frames lacked.
+    lacked: BTreeSet<BoardKey>,
+}
+
 /// See the module's head.
 #[derive(Clone, Debug)]
 pub struct FrameClock {
     mode: ClockMode,
     rate: RateControl,
+    suspicion: Option<Suspicion>,
     next_frame: FrameNumber,
     next_tick: Time,
     open: Option<Open>,
@@ -82,6 +93,7 @@ impl FrameClock {
         Self {
             mode,
             rate: RateControl::new(period),
+            suspicion: None,
             next_frame: first,
             next_tick: Time(0),
             open: None,
@@ -174,6 +186,7 @@ impl FrameClock {
         assert!(self.open.is_none() && self.mode != ClockMode::LockStep, "frame {} is not idle", self.next_frame);
         let frame = self.next_frame;
         self.next_frame.0 += 1;
+        self.suspicion = None;
         self.rate.on_idle();
         self.step_tick(now);
         frame
@@ -210,6 +223,7 @@ impl FrameClock {
                 self.settle(now);
             }
         }
+        self.acquit(now, key);
         if let Some((frame, boards)) = &self.presenting
             && boards.contains(&key)
         {
@@ -265,10 +279,32 @@ impl FrameClock {
         };
         if due {
             // One board of many is hung or slow: a matter of its weight, not of everybody's rate.
-            if self.open.as_ref().is_some_and(|open| open.waiting.len() * 2 >= open.wiring.members.len()) {
+            if let Some(open) = self.open.as_ref().filter(|open| open.waiting.len() * 2 >= open.wiring.members.len()) {
+                let lacked = match self.suspicion.take() {
+                    Some(Suspicion { before, lacked }) if !lacked.is_disjoint(&open.waiting) => {
+                        Suspicion { before, lacked: &lacked & &open.waiting }
+                    }
+                    _ => Suspicion { before: self.rate.clone(), lacked: open.waiting.clone() },
+                };
+                self.suspicion = Some(lacked);
                 self.rate.on_late();
             }
             self.swap();
+        }
+    }
+
+    /// A board is gone. If none that is still there was late in all the frames that it was late in, the load wasn't to blame: the rate is what it was before them, and the next
+    /// tick when it would have been.
+    fn acquit(&mut self, now: Time, gone: BoardKey) {
+        let Some(suspicion) = &mut self.suspicion else { return };
+        if suspicion.lacked.remove(&gone) && suspicion.lacked.is_empty() {
+            let slow = self.rate.period();
+            self.rate = suspicion.before.clone();
+            let sooner = slow.saturating_sub(self.rate.period());
+            self.suspicion = None;
+            if let ClockMode::RealTime { .. } = self.mode {
+                self.next_tick = (self.next_tick - sooner).max(now);
+            }
         }
     }
 
@@ -288,6 +324,7 @@ impl FrameClock {
             return;
         }
         if open.lost.is_empty() {
+            self.suspicion = None;
             self.rate.on_timely(now.since(open.opened));
             self.swap();
         } else if let ClockMode::RealTime { .. } = self.mode {

@@ -417,6 +417,55 @@ fn a_frame_swaps_when_all_are_ready_and_repeats_views_when_they_are_not() {
     assert_eq!((swap.complete, late), (vec![true, false], true), "the second view repeats");
 }
 
+/// Frames of two boards, each at its tick; those of `late` are never ready with theirs. Returns when the last was opened.
+fn fly(clock: &mut FrameClock, wiring: &Wiring, frames: usize, late: &[BoardKey]) -> Time {
+    let mut opened = Time(0);
+    for _ in 0..frames {
+        opened = clock.next_timeout().unwrap();
+        let frame = clock.on_open(opened, wiring);
+        for key in wiring.members.iter().filter(|key| !late.contains(key)) {
+            clock.on_ready(opened, *key, frame, wiring.epoch);
+        }
+        clock.on_timeout(clock.next_timeout().unwrap());
+        assert!(clock.is_idle(), "frame {frame} is swapped at its end");
+    }
+    opened
+}
+
+#[test]
+fn frames_that_were_late_for_a_dead_board_alone_do_not_slow_the_others_down() {
+    let period = Duration::from_millis(16);
+    let [a, b] = [BoardKey(1), BoardKey(2)];
+    let wiring = Wiring { epoch: Epoch(1), members: vec![a, b], weights: vec![1, 1] };
+    let clock = || {
+        let mut clock = FrameClock::new(ClockMode::RealTime { period }, FrameNumber(0), 2);
+        fly(&mut clock, &wiring, 5, &[]);
+        clock
+    };
+    let mut silent = clock();
+    let opened = fly(&mut silent, &wiring, 4, &[b]);
+    assert_eq!(silent.divider(), 2, "half of the boards are late");
+    let now = silent.next_timeout().unwrap() - Duration::from_millis(20);
+    silent.on_lost(now, b);
+    assert_eq!(silent.divider(), 1);
+    let tick = silent.next_timeout().unwrap();
+    assert!(tick >= now && tick <= opened + period * 2, "{now:?} {tick:?}");
+    // Its successor isn't blamed for it either.
+    let alone = Wiring { epoch: Epoch(2), members: vec![a], weights: vec![1] };
+    fly(&mut silent, &alone, 2, &[a]);
+    assert_eq!(silent.divider(), 1, "two late frames are no three");
+
+    let mut busy = clock();
+    fly(&mut busy, &wiring, 4, &[a, b]);
+    busy.on_lost(busy.next_timeout().unwrap(), b);
+    assert_eq!(busy.divider(), 2, "the other one was late too");
+    let mut slow = clock();
+    fly(&mut slow, &wiring, 4, &[b]);
+    fly(&mut slow, &wiring, 1, &[]);
+    slow.on_lost(slow.next_timeout().unwrap(), b);
+    assert_eq!(slow.divider(), 2, "it could follow at half the rate");
+}
+
 #[test]
 fn a_frame_that_has_waited_for_boards_gets_half_a_period_or_more() {
     let period = Duration::from_millis(10);

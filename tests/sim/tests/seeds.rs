@@ -96,7 +96,7 @@ fn a_crash_is_repaired_within_a_tenth_of_a_second() {
 fn a_machine_without_power_is_noticed_within_four_periods() {
     let outcomes = run_share(Faults::OnePowerOff);
     let (noticed, repaired) = (most(&outcomes, |o| o.counts.noticed), most(&outcomes, |o| o.counts.repaired));
-    assert!(noticed <= 67.0 && repaired <= 120.0, "noticed after {noticed} ms, repaired after {repaired} ms");
+    assert!(noticed <= 67.0 && repaired <= 105.0, "noticed after {noticed} ms, repaired after {repaired} ms");
 }
 
 #[test]
