@@ -32,7 +32,7 @@ const COLOURS: [Rgb; 7] =
 const GREYS: u32 = 11;
 
 /// A view on the picture.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PatternView {
     pub id: ViewId,
     pub view: View,
@@ -45,6 +45,7 @@ pub(crate) struct PatternView {
 pub(crate) struct Pattern {
     views: Vec<PatternView>,
     width: u32,
+    height: u32,
     pixels: Vec<u8>,
 }
 
@@ -52,11 +53,16 @@ impl Pattern {
     /// For a picture of that size.
     pub(crate) fn new(views: Vec<PatternView>, (width, height): (u32, u32)) -> Self {
         let pixels = vec![0; width as usize * height as usize * 3];
-        let mut pattern = Self { views, width, pixels };
+        let mut pattern = Self { views, width, height, pixels };
         for view in pattern.views.clone() {
             pattern.draw(&view);
         }
         pattern
+    }
+
+    /// Whether it is the pattern of these views on a picture of that size.
+    pub(crate) fn is_of(&self, views: &[PatternView], size: (u32, u32)) -> bool {
+        self.views == views && (self.width, self.height) == size
     }
 
     /// The picture of a frame: rows from the top, 8-bit sRGB.

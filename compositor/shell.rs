@@ -24,6 +24,7 @@ use crate::window::{Place, Window};
 use ::link::{Arrival, Incoming, Listener, Outbox, Roster, Stream, Trust, check_board, denied};
 use bytes::Bytes;
 use futures_util::StreamExt;
+use pool::turns;
 use proto::codec;
 use proto::frame::{FrameRecord, PixelFormat};
 use proto::ids::{BoardKey, FrameNumber, ViewId};
@@ -128,7 +129,9 @@ struct Shell {
     backplanes: Vec<Backplane>,
     terms: Terms,
     stitcher: Stitcher,
-    /// What is shown instead of the picture, since the views are known.
+    /// The views that are shown.
+    placed: Vec<PatternView>,
+    /// What was shown instead of the picture.
     pattern: Option<Pattern>,
     /// The frame that was handed out last, of who is followed.
     shown: Option<FrameNumber>,
@@ -182,6 +185,7 @@ pub async fn run(
         terms: Terms::new(config.backplanes.len()),
         stitcher: Stitcher::new(format, config.views.clone()),
         config,
+        placed: Vec::new(),
         pattern: None,
         shown: None,
         links: Links::new(),
@@ -244,7 +248,8 @@ impl Shell {
                 self.report(&FromCompositor::Presented { frame: shown.frame, stitch_ns, at_ns }, &[]);
                 // Behind that word: no frame waits for a look. And nobody looks at a canvas on which nothing was shown yet.
                 if shown.preview && self.stitcher.is_whole() {
-                    self.previews.offer(self.picture(shown.frame));
+                    let picture = self.picture(shown.frame);
+                    self.previews.offer(picture);
                 }
             }
         }
@@ -282,10 +287,22 @@ impl Shell {
         Ok(at_ns)
     }
 
-    fn picture(&self, frame: FrameNumber) -> Picture {
+    fn picture(&mut self, frame: FrameNumber) -> Picture {
         let ((width, height), format) = (self.stitcher.size(), self.stitcher.format());
-        let pixels = self.pattern.as_ref().map_or_else(|| self.stitcher.canvas().to_vec(), |pattern| pattern.of(frame));
+        let pixels = if self.config.pattern { self.pattern().of(frame) } else { self.stitcher.canvas().to_vec() };
         Picture { frame, width, height, format, pixels }
+    }
+
+    /// The pattern of the present views. Making it takes some tenths of a second for a large picture: once, as long as the views are the same.
+    fn pattern(&mut self) -> &Pattern {
+        let size = self.stitcher.size();
+        let kept = self.pattern.take().filter(|pattern| pattern.is_of(&self.placed, size));
+        self.pattern.insert(kept.unwrap_or_else(|| {
+            turns::go_along();
+            let made = Pattern::new(self.placed.clone(), size);
+            turns::go_first();
+            made
+        }))
     }
 
     fn on_backplane(&mut self, event: BackplaneEvent) -> Result<(), End> {
@@ -373,17 +390,18 @@ impl Shell {
 
     fn take_views(&mut self, index: usize) {
         let views = &self.backplanes[index].views;
-        if !views.is_empty() && !self.stitcher.set_views(views) {
-            tracing::error!("the views make a picture too large to stitch");
+        if views.is_empty() {
+            return;
         }
-        if self.config.pattern {
-            let view = |(id, at): (ViewId, [u32; 2])| {
-                let view = views.get(id.0 as usize)?.view;
-                Some(PatternView { id, view, at })
-            };
-            let shown = self.stitcher.places().filter_map(view).collect();
-            self.pattern = Some(Pattern::new(shown, self.stitcher.size()));
+        if !views.iter().all(ViewSetup::is_valid) || !self.stitcher.set_views(views) {
+            tracing::error!("the views make no picture, or one too large to stitch");
+            return;
         }
+        let view = |(id, at): (ViewId, [u32; 2])| {
+            let view = views.get(id.0 as usize)?.view;
+            Some(PatternView { id, view, at })
+        };
+        self.placed = self.stitcher.places().filter_map(view).collect();
     }
 
     fn tell_roster(&self) {

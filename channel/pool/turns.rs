@@ -36,7 +36,9 @@ pub fn go_along() {
 
 /// Yields to others, but doesn't starve; one that yields more already is left alone.
 pub fn go_behind() {
-    let given = getpriority_process(None).and_then(|now| setpriority_process(None, now.max(BEHIND)));
+    // Of a thread that was started by one that goes first, what counts is what the program was started with.
+    let now = GIVEN.get().map_or_else(|| getpriority_process(None), |given| Ok(*given));
+    let given = now.and_then(|now| setpriority_process(None, now.max(BEHIND)));
     say(given, "what should yield runs like any other thread");
 }
 
@@ -46,14 +48,32 @@ pub fn go_last() {
 }
 
 /// Does something before which the calling thread sleeps, woken before all that goes in turns (`SCHED_FIFO`, for so long as this takes): short work whose moment matters. That is a
-/// privilege too (`CAP_SYS_NICE`, or a service's `LimitRTPRIO=`).
+/// privilege too (`CAP_SYS_NICE`, or a service's `LimitRTPRIO=`). A thread that isn't scheduled in turns anyway is left alone.
 pub fn at_once<T>(work: impl FnOnce() -> T) -> T {
-    let is_given = schedule(libc::SCHED_FIFO, 1);
-    let done = work();
-    if is_given {
+    let _in_turns_again = AtOnce::begin();
+    work()
+}
+
+/// The calling thread is woken before all that goes in turns, until this is dropped.
+struct AtOnce;
+
+impl AtOnce {
+    fn begin() -> Option<Self> {
+        (policy() == libc::SCHED_OTHER && schedule(libc::SCHED_FIFO, 1)).then_some(Self)
+    }
+}
+
+impl Drop for AtOnce {
+    fn drop(&mut self) {
+        // Nothing refuses to give a privilege up.
         schedule(libc::SCHED_OTHER, 0);
     }
-    done
+}
+
+/// How the calling thread is scheduled.
+fn policy() -> i32 {
+    // SAFETY: it takes nothing but a number, and 0 is the calling thread.
+    unsafe { libc::sched_getscheduler(0) }
 }
 
 /// Whether the calling thread is scheduled so from now on; its niceness remains.
@@ -72,26 +92,21 @@ fn say(given: io::Result<()>, otherwise: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_thread_is_as_before_after_what_it_did_at_once() {
-        let policy = || {
-            // SAFETY: it takes nothing but a number, and 0 is the calling thread.
-            unsafe { libc::sched_getscheduler(0) }
-        };
-        let before = (policy(), niceness());
-        let during = at_once(policy);
-        // Without the privilege nothing changes.
-        assert!([libc::SCHED_FIFO, before.0].contains(&during), "{during}");
-        assert_eq!((policy(), niceness()), before);
-    }
+    use std::panic::catch_unwind;
 
     fn niceness() -> i32 {
         getpriority_process(None).unwrap()
     }
 
+    /// Whether this process has the privilege, by the system's own word (`CAP_SYS_NICE`, number 23).
+    fn is_privileged() -> bool {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:")).unwrap();
+        u64::from_str_radix(effective.trim(), 16).unwrap() & (1 << 23) != 0
+    }
+
     #[test]
-    fn who_is_started_by_one_that_goes_first_can_go_along_or_last() {
+    fn who_is_started_by_one_that_goes_first_can_go_along_behind_or_last() {
         let before = niceness();
         let after = |go: fn()| {
             let thread = std::thread::spawn(move || {
@@ -102,11 +117,20 @@ mod tests {
         };
         let first = std::thread::spawn(move || {
             go_first();
-            // Without the privilege it stays as it is.
-            assert!([before, FIRST.min(before)].contains(&niceness()));
+            assert_eq!(niceness(), if is_privileged() { FIRST.min(before) } else { before });
             assert_eq!([go_along, go_behind, go_last].map(after), [before, BEHIND.max(before), LAST]);
         });
         first.join().unwrap();
         assert_eq!(niceness(), before, "of other threads nothing changes");
+    }
+
+    #[test]
+    fn a_thread_is_as_before_after_what_it_did_at_once() {
+        let before = (policy(), niceness());
+        let during = at_once(policy);
+        assert_eq!(during, if is_privileged() { libc::SCHED_FIFO } else { before.0 });
+        assert_eq!((policy(), niceness()), before);
+        assert!(catch_unwind(|| at_once(|| panic!("on purpose"))).is_err(), "it panics");
+        assert_eq!((policy(), niceness()), before, "after a panic too");
     }
 }

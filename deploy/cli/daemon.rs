@@ -149,7 +149,7 @@ pub(crate) struct ChannelArgs {
     #[arg(long, env = "CYCLORAMA_DISPLAY_AT", value_name = "X,Y", value_parser = place, requires = "display", allow_hyphen_values = true)]
     pub display_at: Option<compositor::window::Place>,
     /// Show a pattern to set up the projector by, in place of the picture: `compositor --help` says what is on it
-    #[arg(long, env = "CYCLORAMA_PATTERN", requires = "display")]
+    #[arg(long, requires = "display")]
     pub pattern: bool,
     /// Folder with a compositor's keys, for the display: those of a board don't show pictures
     #[arg(long, env = "CYCLORAMA_DISPLAY_KEYS", value_name = "DIR", requires = "display")]
@@ -178,7 +178,7 @@ pub(crate) struct CompositorArgs {
     pub window: Option<compositor::window::Place>,
     /// Show a pattern to set up projectors by, in place of the picture: borders, lines every 5° that go on from view to view, the view's number, colours and greys, and a
     /// block that runs along the top, at the same place on all displays that show the same frame
-    #[arg(long, env = "CYCLORAMA_PATTERN")]
+    #[arg(long)]
     pub pattern: bool,
     /// Write every stitched frame as frame-00000.png … into this folder
     #[arg(long, value_name = "DIR")]

@@ -24,6 +24,8 @@ pub struct Turn {
 pub struct Row {
     /// Viewers at the console.
     pub viewers: usize,
+    /// Turns.
+    pub turns: usize,
     /// Frames that were timed.
     pub frames: usize,
     /// The turns' medians, ms.
@@ -36,8 +38,11 @@ pub struct Row {
     pub pictures_hz: f64,
 }
 
+/// Fewest values whose first and last bound the median with that probability: 1 − 2 · 2⁻⁶ = 0.97.
+const SURE_MIN: usize = 6;
+
 /// Bounds of the median of what these values were drawn from, right 19 times of 20: those of them that stand 0.98 √n places before and behind the middle (the
-/// binomial distribution's places, by its normal approximation). Of few values: the first and the last.
+/// binomial distribution's places, by its normal approximation). Of few values: the first and the last, which are as sure from six on only.
 ///
 /// # Panics
 /// If there are none.
@@ -63,6 +68,7 @@ pub fn rows(rounds: &[Vec<Turn>]) -> Vec<Row> {
             rounds.iter().zip(&turns).map(|(round, of)| of.frame_ms / turn(round, 0).frame_ms).collect();
         Row {
             viewers,
+            turns: turns.len(),
             frames: turns.iter().map(|turn| turn.frames).sum(),
             frame_ms: Spread::of(&turns.iter().map(|turn| turn.frame_ms).collect::<Vec<_>>()),
             ratio: Spread::of(&ratios),
@@ -75,10 +81,9 @@ pub fn rows(rounds: &[Vec<Turn>]) -> Vec<Row> {
 
 /// The rows as a table.
 pub fn table(rows: &[Row]) -> String {
-    let mut text = format!(
-        "{:<8} {:>8} {:>12} {:>22} {:>14}\n",
-        "viewers", "frames", "frame, ms", "ratio (19 of 20)", "pictures/s"
-    );
+    let is_sure = rows.iter().all(|row| row.turns >= SURE_MIN);
+    let ratio = if is_sure { "ratio (19 of 20)" } else { "ratio (min to max)" };
+    let mut text = format!("{:<8} {:>8} {:>12} {:>22} {:>14}\n", "viewers", "frames", "frame, ms", ratio, "pictures/s");
     for row in rows {
         let ratio = format!("{:.3} ({:.3} to {:.3})", row.ratio.median, row.ratio_between[0], row.ratio_between[1]);
         text += &format!(

@@ -30,4 +30,5 @@ mod still;
 mod streaming;
 mod transition;
 mod trust;
+mod turns;
 mod window;
