@@ -3,7 +3,7 @@
 use crate::program::{Rig, wait_for};
 use std::collections::BTreeMap;
 
-/// Niceness of a process's threads, by name; of the least that goes first of those of one name.
+/// Niceness of a process's threads, by name, of which the first one's is `first`; the greatest of those of one name.
 fn threads(pid: u32) -> BTreeMap<String, i32> {
     let mut found = BTreeMap::new();
     for task in std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten() {
@@ -11,7 +11,9 @@ fn threads(pid: u32) -> BTreeMap<String, i32> {
         let Ok(stat) = std::fs::read_to_string(task.path().join("stat")) else { continue };
         // `number (name) state …`, of which the niceness is the 17th after the name: proc_pid_stat(5).
         let (head, rest) = stat.rsplit_once(')').unwrap();
-        let name = head.split_once('(').unwrap().1.to_owned();
+        let (number, name) = head.split_once(" (").unwrap();
+        // Threads without a name have the program's: only the first of them is known.
+        let name = if number == pid.to_string() { "first" } else { name }.to_owned();
         let niceness = rest.split_whitespace().nth(16).unwrap().parse().unwrap();
         found.entry(name).and_modify(|kept: &mut i32| *kept = (*kept).max(niceness)).or_insert(niceness);
     }
@@ -36,15 +38,14 @@ fn words_go_first_drawing_goes_along_and_what_people_look_at_goes_behind() {
     wait_for("a board's threads", || {
         let found = of("channel");
         let goes_along = ["painter", "loader"].iter().all(|name| is(&found, name, own));
-        (is(&found, "cyclorama", first) && goes_along).then_some(())
+        (is(&found, "first", first) && goes_along).then_some(())
     });
     wait_for("the manager's threads", || {
         let found = of("manager");
-        (is(&found, "cyclorama", first) && is(&found, "engine", own) && is(&found, "console", own.max(10)))
-            .then_some(())
+        (is(&found, "first", first) && is(&found, "engine", own) && is(&found, "console", own.max(10))).then_some(())
     });
     wait_for("the compositor's threads", || {
         let found = of("compositor");
-        (is(&found, "cyclorama", first) && is(&found, "preview", 19)).then_some(())
+        (is(&found, "first", first) && is(&found, "preview", 19)).then_some(())
     });
 }
