@@ -280,13 +280,13 @@ impl FrameClock {
         if due {
             // One board of many is hung or slow: a matter of its weight, not of everybody's rate.
             if let Some(open) = self.open.as_ref().filter(|open| open.waiting.len() * 2 >= open.wiring.members.len()) {
-                let lacked = match self.suspicion.take() {
+                let suspicion = match self.suspicion.take() {
                     Some(Suspicion { before, lacked }) if !lacked.is_disjoint(&open.waiting) => {
                         Suspicion { before, lacked: &lacked & &open.waiting }
                     }
                     _ => Suspicion { before: self.rate.clone(), lacked: open.waiting.clone() },
                 };
-                self.suspicion = Some(lacked);
+                self.suspicion = Some(suspicion);
                 self.rate.on_late();
             }
             self.swap();
